@@ -329,8 +329,8 @@ def _halo_share(sprite: Sprite, contact_share: float) -> F32:
     assert sprite.halo is not None
     (x, y), _, _ = sprite.halo
     # The shade is continued below the border of the object, too.
-    is_border = sprite.halo_reach <= STANDING.ring
-    shares = np.where(is_border, np.float32(1 - contact_share), np.float32(1))
+    border = np.clip(2 - sprite.halo_reach / np.float32(STANDING.ring), 0, 1)
+    shares = np.asarray(1 - np.float32(contact_share) * border, np.float32)
     foot_halo = sprite.foot_halo
     if foot_halo is None or foot_halo.darkness is None:
         return shares
