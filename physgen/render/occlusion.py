@@ -479,9 +479,10 @@ def relit_border(
 ) -> F32:
     """Return the rest of a border (h, w, 3) in the present light of the background.
 
-    Without it, a border would be black in a passing shadow.
+    `darkness` (h, w) of the box. Without it, a border would be black in a passing
+    shadow.
     """
-    difference = background.total[box] - darkness[box]
+    difference = background.total[box] - darkness
     if not difference.any():
         return rest
     gain = three_channels(np.asarray(cv2.exp(np.minimum(difference, 1)), np.float32))

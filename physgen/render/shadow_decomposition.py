@@ -475,16 +475,16 @@ def _photo_share(cast: CastShadow, start: Pose, pose: Pose) -> np.float32:
     return np.float32(share if share > LEAST_STRENGTH else 0)
 
 
-def _raise_to(values: F32, box: PixelBox, least: F32, least_box: PixelBox) -> None:
+def _raise_to(values: F32, box: PixelBox, limits: F32, limit_box: PixelBox) -> None:
     """Raise values (h, w) in a box to at least those of another box, in place."""
-    x0, y0 = max(box[0], least_box[0]), max(box[1], least_box[1])
-    x1, y1 = min(box[2], least_box[2]), min(box[3], least_box[3])
+    x0, y0 = max(box[0], limit_box[0]), max(box[1], limit_box[1])
+    x1, y1 = min(box[2], limit_box[2]), min(box[3], limit_box[3])
     if x0 >= x1 or y0 >= y1:
         return
     part = values[y0 - box[1] : y1 - box[1], x0 - box[0] : x1 - box[0]]
-    x0, x1 = x0 - least_box[0], x1 - least_box[0]
-    y0, y1 = y0 - least_box[1], y1 - least_box[1]
-    np.maximum(part, least[y0:y1, x0:x1], out=part)
+    x0, x1 = x0 - limit_box[0], x1 - limit_box[0]
+    y0, y1 = y0 - limit_box[1], y1 - limit_box[1]
+    np.maximum(part, limits[y0:y1, x0:x1], out=part)
 
 
 def _departure(silhouette: Silhouette, start: Pose, pose: Pose) -> np.float32:
