@@ -289,6 +289,7 @@ class _SearchEffort:
         if is_story and score >= TRIAL.score_share * self.highest:
             return True
         if self.has_story:
+            # Without a story so far, the search may go on for longer.
             most_trials = TRIAL.trial_count
         else:
             most_trials = 2 * TRIAL.trial_count
@@ -541,6 +542,7 @@ def simulate_push(
     world = _pushed_world(trials, velocities, world or trials.world, ramp, spins)
     motion, has_left, work = _run(trials, world)
     travel = measure_travel(world, motion) / trials.side
+    # A push without a visible motion needs no grades.
     farthest = float(travel.max(initial=0.0))
     speed = max(hypot(*velocity) for velocity in velocities.values())
     if farthest < TRIAL.least_travel or explodes(trials, motion, speed):

@@ -658,6 +658,7 @@ class Stepper:
         trial = StepTrial(end, h, is_half_step, events, state)
         if state is not None:
             trial.velocities = state[:, 3:].copy()
+        # Contacts come first; joints, curves and breakages correct their result.
         self._solve_contacts(trial)
         if self._space.hidden:
             self._space.review_internal_edges()
@@ -707,6 +708,7 @@ class Stepper:
 
     def _try_step(self, trial: StepTrial) -> None:
         """Take a trial of the step with its lasting forces and brakes."""
+        # Lasting forces act before the contacts, which balance them within the step.
         if self._forces.is_acting:
             if trial.state is None:
                 start_state = self.state()
@@ -817,6 +819,7 @@ class Stepper:
         """
         if trial.state is None:
             trial.state = self.state().copy()
+        # Below this speed, contacts close without a rebound.
         threshold = self._governor.threshold(trial.h, self._governor.rest_factor)
         after = np.frombuffer(trial.states, np.float64).reshape(-1, 6)
         poses = self._all_poses
@@ -832,6 +835,7 @@ class Stepper:
             old_words = words
         else:
             old_words = self._order.words
+        # Only new contacts bounce; old ones have lost their speed in an earlier step.
         has_touched = np.ones(len(trial.order.contacts), bool)
         has_touched[[*new_contacts(words, old_words)]] = False
         if new_rows is not None:
@@ -951,6 +955,7 @@ class Stepper:
         poses[moving], velocities[moving] = state[:, :3], state[:, 3:]
         numbers = order.sort(trial.numbers)
         points = contact_points(order.words, numbers, poses, velocities)
+        # A load is not an impact: it must not rebound.
         no_elasticity = [0.0] * len(self._properties.elasticity)
         start_velocities = np.zeros_like(velocities)
         start_velocities[moving] = step_velocities
