@@ -77,11 +77,13 @@ def shared_highlights(discs: Sequence[DiscPicture]) -> list[F32]:
     if len(discs) < SHINE.discs:
         return []
     excess = list(map(_excess, discs))
+    # In the discs' own frames, paint turns with each disc, and a highlight does not.
     masks = []
     for disc, shine in zip(discs, excess, strict=True):
         masks.append(_unroll(_is_highlight(disc, shine), disc))
     if not _turned_differently(discs):
         return []
+    # Bright pixels at the same place on most discs are light.
     is_shared = np.mean(list(map(_spread, masks)), axis=0) >= SHINE.common
     highlights = []
     for disc, mask, shine in zip(discs, masks, excess, strict=True):
@@ -163,7 +165,8 @@ def _spread(mask: F32) -> Mask:
 def _roll(rings: F32, disc: DiscPicture) -> F32:
     """Return (rings, angles) as a picture (h, w) with soft borders."""
     rows, columns = np.indices(disc.mask.shape, np.float32)
-    x, y = columns - disc.center[0], rows - disc.center[1]
+    x = columns - disc.center[0]
+    y = rows - disc.center[1]
     ring = np.hypot(x, y) * np.float32(RINGS / disc.radius) - np.float32(0.5)
     turn = np.arctan2(y, x) % np.float32(2 * pi)
     angle = turn * np.float32(SHINE.angles / (2 * pi))
