@@ -376,14 +376,14 @@ def _draw_striker(
     end = way.axis * (reach + 2 * side)
     low = np.floor(np.minimum(start, start + end)).astype(int) - side
     high = np.ceil(np.maximum(start, start + end)).astype(int) + side
-    along, aside = _axis_coordinates(low, high, start, way.axis)
-    from_tip = along / way.scale + form.tip
+    axial_distance, side_distance = _axis_coordinates(low, high, start, way.axis)
+    from_tip = axial_distance / way.scale + form.tip
     radius = _radius(form, from_tip) * way.scale
     # The tip is a half sphere, and the rest is a bar.
-    away = np.hypot(np.minimum(along, 0), aside)
+    away = np.hypot(np.minimum(axial_distance, 0), side_distance)
     coverage = np.clip(radius - away + 0.5, 0, 1).astype(np.float32)
-    across = np.clip(aside / radius, -1, 1)
-    tip = np.clip(np.minimum(along, 0) / radius, -1, 1)
+    across = np.clip(side_distance / radius, -1, 1)
+    tip = np.clip(np.minimum(axial_distance, 0) / radius, -1, 1)
     # Seen from its side, a finger has its nail on top; else in its middle.
     upper = across * (1 if way.axis[0] < 0 else -1)
     colour = _colours(form, from_tip, upper)
@@ -402,9 +402,9 @@ def _axis_coordinates(
     """
     columns = np.arange(low[0], high[0] + 1) - start[0]
     rows = np.arange(low[1], high[1] + 1)[:, None] - start[1]
-    along = columns * axis[0] + rows * axis[1]
-    aside = rows * axis[0] - columns * axis[1]
-    return along, aside
+    axial_distance = columns * axis[0] + rows * axis[1]
+    side_distance = rows * axis[0] - columns * axis[1]
+    return axial_distance, side_distance
 
 
 def _radius(form: Form, distance: F64) -> F64:
@@ -431,9 +431,9 @@ def _colours(form: Form, distance: F64, upper: F64) -> F32:
         red = np.exp(-np.maximum(distance, 0) / STRIKER.flush)[..., None]
         colours *= (1 - red * FLUSH).astype(np.float32)
         # The nail is an ellipse on the finger.
-        along = (distance - NAIL[0]) / NAIL[1]
-        across = (upper - NAIL[2]) / NAIL[3]
-        nail = along**2 + across**2
+        nail_length = (distance - NAIL[0]) / NAIL[1]
+        nail_width = (upper - NAIL[2]) / NAIL[3]
+        nail = nail_length**2 + nail_width**2
         share = np.clip(NAIL_SHARP * (1 - nail), 0, 1)[..., None].astype(np.float32)
         nail_colour = decode(np.array(NAIL_COLOUR, np.uint8))
         colours += share * (nail_colour - colours)
