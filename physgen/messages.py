@@ -712,7 +712,7 @@ class Message(Enum):
     )
     NOTHING_TO_STRIKE = (
         "has no effect: {why}",
-        "remove it, or give an object in a photo a velocity",
+        "remove it, or give an object in a photo a velocity or an impulse",
     )
     FORCE_AFTER_END = (
         "begins after the end of the clip at {end:g} s",

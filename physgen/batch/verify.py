@@ -103,6 +103,14 @@ class FrameDifference:
         return "; ".join(parts)
 
 
+JSON_KEYS = {
+    "input_changes": "changed",
+    "machine_changes": "elsewhere",
+    "file_changes": "damaged",
+}
+"""Field of a verdict -> its key in the output of `verify --json`."""
+
+
 @dataclass(frozen=True)
 class Verdict:
     """The result for one clip."""
@@ -115,11 +123,11 @@ class Verdict:
     frames: int = 0
     files: int = 0
     # Inputs with changes since the render.
-    changed: tuple[str, ...] = ()
+    input_changes: tuple[str, ...] = ()
     # Versions and machine properties with changes since the render.
-    elsewhere: tuple[str, ...] = ()
+    machine_changes: tuple[str, ...] = ()
     # Output files with changes since the render.
-    damaged: tuple[str, ...] = ()
+    file_changes: tuple[str, ...] = ()
     motion: MotionDifference | None = None
     pictures: FrameDifference | None = None
     notes: tuple[str, ...] = ()
@@ -140,11 +148,11 @@ class Verdict:
                 (self.files, "file"),
             )
             parts.append(", ".join(counted(number, noun) for number, noun in counts))
-        if self.changed:
-            parts.append(f"since then {summarize_texts(self.changed)}")
+        if self.input_changes:
+            parts.append(f"since then {summarize_texts(self.input_changes)}")
         parts += map(str, self.problems)
-        if self.damaged:
-            parts.append(summarize_texts(self.damaged))
+        if self.file_changes:
+            parts.append(summarize_texts(self.file_changes))
         parts += [*self._differences(), *self.notes]
         return f"{self.clip}: {self.outcome.value}: {'; '.join(parts)}"
 
@@ -156,18 +164,18 @@ class Verdict:
             yield self.pictures.text()
         if not (self.motion or self.pictures):
             return
-        if self.elsewhere:
-            yield summarize_texts(self.elsewhere)
-        elif not self.changed:
+        if self.machine_changes:
+            yield summarize_texts(self.machine_changes)
+        elif not self.input_changes:
             yield NO_CAUSE
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as data."""
-        problems = [problem.as_dict() for problem in self.problems]
-        return asdict(replace(self, problems=())) | {
-            "outcome": self.outcome.value,
-            "problems": problems,
-        }
+        values = asdict(replace(self, problems=()))
+        data = {JSON_KEYS.get(name, name): value for name, value in values.items()}
+        data["outcome"] = self.outcome.value
+        data["problems"] = [problem.as_dict() for problem in self.problems]
+        return data
 
 
 def verify(
@@ -215,9 +223,11 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
         samples=len(manifest.samples),
         frames=len(manifest.frames),
         files=len(manifest.files),
-        changed=tuple(changed_files(manifest.inputs, inputs(scene, Path(path)))),
-        elsewhere=_changed_machine(manifest),
-        damaged=tuple(f"{name} {damage}" for name, damage in damaged_files.items()),
+        input_changes=tuple(changed_files(manifest.inputs, inputs(scene, Path(path)))),
+        machine_changes=_changed_machine(manifest),
+        file_changes=tuple(
+            f"{name} {damage}" for name, damage in damaged_files.items()
+        ),
         motion=motion,
         pictures=pictures,
         notes=(NOT_REFINED,) if manifest.has_refinement else (),

@@ -28,6 +28,7 @@ from physgen.scene.framing import confine_center
 from physgen.scene.scene import (
     FieldKind,
     JointKind,
+    Load,
     Motion,
     Object,
     Play,
@@ -86,16 +87,20 @@ def _idle_striker(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]
     enter = scene.render.enter
     if enter is Striker.NONE:
         return
-    # A striker needs an object with a velocity at t = 0, and time that runs forwards.
+    # A striker needs an object with a push at t = 0, and time that runs forwards.
+    pushed = set()
+    for push in scene.forces:
+        if push.load is Load.IMPULSE and push.start == 0 and any(push.vector):
+            pushed.add(push.object)
     moves = []
     for item in scene.objects:
-        if any(item.velocity):
+        if any(item.velocity) or item.name in pushed:
             moves.append(item)
     why = ""
     if scene.image is None:
         why = "the scene has no photo"
     elif not any(item.motion is Motion.DYNAMIC for item in moves):
-        why = "no dynamic object has a velocity"
+        why = "no dynamic object has a velocity or an impulse at t = 0"
     elif scene.render.play is Play.BACKWARD:
         why = "the clip plays backward"
     if why:

@@ -153,7 +153,7 @@ class EditRequest(Body):
         int, Field(strict=True, ge=0, le=2**53 - 1), BeforeValidator(to_integer)
     ]
     variant: Words | None = None
-    what: Words | None = None
+    title: Words | None = Field(default=None, alias="what")
     tag: Words | None = None
 
 
@@ -328,8 +328,8 @@ class Session:
             change = hold_objects(self.live, present_state.text, text, request.variant)
             if change is not None:
                 text = change.text
-                title = f"{request.what or title}: {change.changes}"
-                request = request.model_copy(update={"what": None})
+                title = f"{request.title or title}: {change.changes}"
+                request = request.model_copy(update={"title": None})
             self._push(request, text, title)
         return self.state(request.variant)
 
@@ -410,7 +410,7 @@ class Session:
             tag = None
         else:
             tag = f"{request.variant or ''} {request.tag}"
-        self._add(State(text, request.what or title, tag, time.time()))
+        self._add(State(text, request.title or title, tag, time.time()))
         self._send_new_version()
 
     def _add(self, state: State) -> None:

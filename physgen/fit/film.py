@@ -103,7 +103,7 @@ class Follower:
             patch = self._patch_around(k, starts, picture, 0.0)
             start = starts[template.body]
             match = find_pose(template, start, patch, REGISTRATION.blurs[-1:])
-            if match is None or not match.has_converged:
+            if match is None or not match.is_stationary:
                 continue
             error = match.pose - start
             largest = np.abs(error * [1, 1, template.gyration]).max()
@@ -160,7 +160,7 @@ class Follower:
         """Return the match of an object with position and angle."""
         match = self._match_position(k, poses, picture)
         template = self.templates[k]
-        if match is None or not template.is_round or not template.can_turn:
+        if match is None or not template.is_circle or not template.can_turn:
             return match
         # The outline of a disc does not show its angle, and Gauss-Newton steps miss the
         # narrow valley of a thin mark.
@@ -190,7 +190,7 @@ class Follower:
         match = find_pose(template, start, patch, REGISTRATION.blurs[-1:])
         if match is not None:
             is_reliable = match.gain >= FOLLOWER.reliable_gain
-            if is_reliable and match.has_converged:
+            if is_reliable and match.is_stationary:
                 return match
         # After an impact the object is outside the valley around the expected pose.
         large_patch = self._patch_around(k, poses, picture, FOLLOWER.search_margin)

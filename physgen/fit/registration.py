@@ -107,7 +107,7 @@ class Match:
     """Share of the difference from the background that the template explains."""
     has_angle: bool
     """Whether the picture shows the angle."""
-    has_converged: bool
+    is_stationary: bool
     """Whether the last step was short; after an impact, many steps are needed."""
 
     def observed_pose(self) -> F64:

@@ -79,7 +79,7 @@ class Template:
     """Radius of gyration, px."""
     can_turn: bool
     """Whether the picture turns in the plane; a sphere seen from above does not."""
-    is_round: bool
+    is_circle: bool
     """Whether the outline is a circle, so that it does not show the angle."""
 
     def transform(self, pose: F64, origin: tuple[int, int]) -> F64:
@@ -137,7 +137,7 @@ def make_templates(
                 center=(x, y),
                 gyration=max((body.moment / body.mass) ** 0.5, 1.0),
                 can_turn=not _rolls_in_space(body, world),
-                is_round=body.radius is not None,
+                is_circle=body.radius is not None,
             )
         )
     return templates

@@ -34,7 +34,8 @@ def fit_circle(mask: Mask, border: Array) -> tuple[Disc, float]:
     mask's area, and from a robust least-squares circle that is insensitive to a hidden
     part of the mask; the better one is refined by a pattern search.
     """
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    rows = np.flatnonzero(mask.any(axis=1))
+    columns = np.flatnonzero(mask.any(axis=0))
     low = np.array([columns[0], rows[0]], dtype=np.float64)
     box = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     stride = max(1, max(box.shape) // _GRID)
@@ -67,7 +68,8 @@ def _pattern_search(score: _Score, circle: Array, stride: int) -> Array:
         values = list(map(score.iou, trials))
         best = int(np.argmax(values))
         if values[best] > value + 1e-9:
-            circle, value = trials[best], values[best]
+            circle = trials[best]
+            value = values[best]
         else:
             step /= 2
     return circle
@@ -117,13 +119,13 @@ class _Score:
 
     def __init__(self, mask: Mask, stride: int) -> None:
         height, width = mask.shape
-        rows, columns = (
-            np.flatnonzero(mask.any(axis=1)),
-            np.flatnonzero(mask.any(axis=0)),
-        )
+        rows = np.flatnonzero(mask.any(axis=1))
+        columns = np.flatnonzero(mask.any(axis=0))
         margin = max(rows[-1] - rows[0], columns[-1] - columns[0]) // 2 + 2
-        top, bottom = max(rows[0] - margin, 0), min(rows[-1] + margin + 1, height)
-        left, right = max(columns[0] - margin, 0), min(columns[-1] + margin + 1, width)
+        top = max(rows[0] - margin, 0)
+        bottom = min(rows[-1] + margin + 1, height)
+        left = max(columns[0] - margin, 0)
+        right = min(columns[-1] + margin + 1, width)
         part = np.asarray(mask[top:bottom, left:right], dtype=np.float32)
         if stride > 1:
             reduced = cv2.resize(

@@ -171,7 +171,8 @@ def _area(points: Array) -> float:
 def _without_straight_corners(points: Array) -> Array:
     """Remove repeated points and straight corners."""
     while len(points) >= 3:
-        before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
+        before = np.roll(points, 1, axis=0)
+        after = np.roll(points, -1, axis=0)
         is_flat_corner = (
             np.abs(cross(points - before, after - points)) <= PIECES.straight_area
         )
@@ -224,7 +225,8 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
 
     length = partial(_squared_length, xy)
     for start, end in sorted(inner, key=length, reverse=True):
-        left, right = edges[start, end], edges[end, start]
+        left = edges[start, end]
+        right = edges[end, start]
         if left == right:
             continue
         face = _rotate(faces[left], end)  # end ... start

@@ -158,7 +158,8 @@ def _components(
 
 def _box(mask: Mask) -> tuple[int, int, int, int]:
     """Return the first row, the last + 1, and the same of columns, of the mask."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    rows = np.flatnonzero(mask.any(axis=1))
+    columns = np.flatnonzero(mask.any(axis=0))
     return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
 
@@ -265,7 +266,8 @@ def _label_boxes(labels: NDArray[np.integer]) -> dict[int, tuple[int, int, int, 
         owner = owner.astype(np.uint16)  # NumPy sorts 16 bits by radix sort
     # Sort the pixels by id, and reduce each run of equal ids.
     order = np.argsort(owner, kind="stable")
-    pixels, owner = pixels[order], owner[order]
+    pixels = pixels[order]
+    owner = owner[order]
     is_first = np.concatenate([[True], owner[1:] != owner[:-1]])
     first = np.flatnonzero(is_first)
     places = np.stack(np.divmod(pixels, labels.shape[1]), axis=1)

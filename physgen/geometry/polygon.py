@@ -38,7 +38,8 @@ def rotation(angle: float) -> Array:
     >>> (rotation(np.pi / 2) @ [1.0, 0.0]).round(12).tolist()
     [0.0, 1.0]
     """
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     return np.array([[c, -s], [s, c]])
 
 
@@ -143,7 +144,8 @@ def mass_properties(outline: Outline) -> MassProperties:
             turn = sign
         else:
             turn = -sign
-        area, second = turn * moments.area, turn * moments.second
+        area = turn * moments.area
+        second = turn * moments.second
         parts.append(MassProperties(area, moments.center, second))
     area = sum(part.area for part in parts)
     if not area > 0:
@@ -199,10 +201,12 @@ def _sec_cubed(tangent: Array) -> Array:
 def bounds(outline: Outline) -> tuple[float, float, float, float]:
     """Return the smallest box `(x0, y0, x1, y1)` px around the outline."""
     if isinstance(outline, Disc):
-        low, high = outline.center - outline.radius, outline.center + outline.radius
+        low = outline.center - outline.radius
+        high = outline.center + outline.radius
     else:
         points = np.concatenate([ring.outer for ring in outline.rings])
-        low, high = points.min(axis=0), points.max(axis=0)
+        low = points.min(axis=0)
+        high = points.max(axis=0)
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 

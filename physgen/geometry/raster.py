@@ -35,7 +35,8 @@ def coverage_box(
     large the outline is; without common pixels the box is empty.
     """
     x0, y0, x1, y1 = _pixel_box(outline, window)
-    width, height = x1 - x0, y1 - y0
+    width = x1 - x0
+    height = y1 - y0
     if window is not None and (width <= 0 or height <= 0):
         return np.zeros((max(height, 0), max(width, 0)), np.float32), (x0, y0)
     # Each border segment adds its signed area to the row that it crosses, as
@@ -85,7 +86,8 @@ def _accumulate(sums: Array, points: Array, sign: float) -> None:
 
     In box coordinates pixel i covers [i, i + 1].
     """
-    start, end = points, np.roll(points, -1, axis=0)
+    start = points
+    end = np.roll(points, -1, axis=0)
     turn = float((start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]).sum())
     if turn < 0:
         sign = -sign
@@ -113,7 +115,8 @@ def _window(start: Array, end: Array, width: int, height: int) -> tuple[Array, A
     # Split every segment at each side of the box, so that each piece is wholly inside
     # or outside.
     for axis, line in lines:
-        a, b = start[:, axis], end[:, axis]
+        a = start[:, axis]
+        b = end[:, axis]
         crosses = (a < line) != (b < line)
         share = (line - a[crosses]) / (b[crosses] - a[crosses])
         vectors = end[crosses] - start[crosses]
@@ -125,7 +128,8 @@ def _window(start: Array, end: Array, width: int, height: int) -> tuple[Array, A
     # and moves to the side.
     y = (start[:, 1] + end[:, 1]) / 2
     is_inside = (y > 0) & (y < height)
-    lower_corner, upper_corner = np.zeros(2), np.array([float(width), float(height)])
+    lower_corner = np.zeros(2)
+    upper_corner = np.array([float(width), float(height)])
     return np.clip(start[is_inside], lower_corner, upper_corner), np.clip(
         end[is_inside], lower_corner, upper_corner
     )
@@ -133,8 +137,10 @@ def _window(start: Array, end: Array, width: int, height: int) -> tuple[Array, A
 
 def _cut(start: Array, end: Array, axis: int) -> tuple[Array, Array]:
     """Cut segments `(K, 2)` at integers of one coordinate."""
-    a, b = start[:, axis], end[:, axis]
-    lower, upper = np.minimum(a, b), np.maximum(a, b)
+    a = start[:, axis]
+    b = end[:, axis]
+    lower = np.minimum(a, b)
+    upper = np.maximum(a, b)
     first = np.floor(lower) + 1
     count = np.maximum(np.ceil(upper) - first, 0).astype(np.intp)
     pieces = count + 1

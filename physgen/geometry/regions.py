@@ -182,22 +182,23 @@ def _links(labels: NDArray[np.int64]) -> list[NDArray[np.int8]]:
 
     -1 stands for a junction, -2 for no edge.
     """
-    nw, ne = labels[:-1, :-1], labels[:-1, 1:]
-    sw, se = labels[1:, :-1], labels[1:, 1:]
+    nw = labels[:-1, :-1]
+    ne = labels[:-1, 1:]
+    sw = labels[1:, :-1]
+    se = labels[1:, 1:]
     is_edge = np.stack([nw != ne, ne != se, sw != se, nw != sw])
     degree = is_edge.sum(axis=0)
     links = [np.where(is_edge[d], -1, -2).astype(np.int8) for d in range(4)]
     for d, e in permutations(range(4), 2):
         links[d][(degree == 2) & is_edge[d] & is_edge[e]] = e
     # At a crossing of two pairs of pixels, one of the pairs is connected.
-    falling, rising = (nw == se) & (degree == 4), (ne == sw) & (degree == 4)
+    falling = (nw == se) & (degree == 4)
+    rising = (ne == sw) & (degree == 4)
     is_crossing = falling & rising
     # If both pairs have equal pixels, the background is connected, and the corner
     # separates the object's pixels.
-    falling, rising = (
-        falling & ~(is_crossing & (nw != 0)),
-        rising & ~(is_crossing & (nw == 0)),
-    )
+    falling = falling & ~(is_crossing & (nw != 0))
+    rising = rising & ~(is_crossing & (nw == 0))
     _link_pairs(links, falling, ((_NORTH, _EAST), (_SOUTH, _WEST)))
     _link_pairs(links, rising & ~falling, ((_NORTH, _WEST), (_SOUTH, _EAST)))
     return links
@@ -254,11 +255,13 @@ def _follow(
     visited.
     """
     row, column, direction = start
-    corners, directions = [(row, column)], []
+    corners = [(row, column)]
+    directions = []
     while True:
         known_edges.add((row, column, direction))
         directions.append(direction)
-        row, column = row + _STEP[direction][0], column + _STEP[direction][1]
+        row = row + _STEP[direction][0]
+        column = column + _STEP[direction][1]
         corners.append((row, column))
         back = direction ^ 2
         known_edges.add((row, column, back))
@@ -271,8 +274,10 @@ def _sides(
     labels: NDArray[np.int64], row: int, column: int, direction: int
 ) -> tuple[int, int]:
     """Return the labels to the left and right of an edge from a corner."""
-    nw, ne = int(labels[row, column]), int(labels[row, column + 1])
-    sw, se = int(labels[row + 1, column]), int(labels[row + 1, column + 1])
+    nw = int(labels[row, column])
+    ne = int(labels[row, column + 1])
+    sw = int(labels[row + 1, column])
+    se = int(labels[row + 1, column + 1])
     return ((nw, ne), (ne, se), (se, sw), (sw, nw))[direction]
 
 

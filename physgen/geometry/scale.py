@@ -203,7 +203,8 @@ def _symmetric_radii(outline: Region, axis: Array) -> tuple[Array, float]:
     across_axis = np.array([-unit_axis[1], unit_axis[0]])
     frame = np.stack([across_axis, unit_axis])
     points = np.concatenate([ring.outer for ring in outline.rings]) @ frame.T
-    lower_corner, size = points.min(axis=0), np.ptp(points, axis=0)
+    lower_corner = points.min(axis=0)
+    size = np.ptp(points, axis=0)
     scale = SHAPE.slices / max(size)
 
     def place(points: Array) -> Array:
@@ -251,7 +252,8 @@ def _turned_extent(outline: Outline, kind: Kind) -> Extent:
     for solid, cost in zip([upright, *lying], costs, strict=True):
         if solid.volume <= 0:
             continue
-        tallness, breadth = solid.height / height, solid.diameter / width
+        tallness = solid.height / height
+        breadth = solid.diameter / width
         mismatch = abs(log(tallness / breadth))
         extent = Extent(solid.volume, sqrt(tallness * breadth), mismatch)
         candidates.append((mismatch + cost, extent))
@@ -384,7 +386,8 @@ def _stuff(kind: Kind) -> str:
     >>> _stuff(kind("steel ball")), _stuff(kind("beer bottle"))
     ('steel, 7.85 g/cm³', 'glass and content, 1.19 g/cm³')
     """
-    name, solid = kind.material.name, kind.material.density
+    name = kind.material.name
+    solid = kind.material.density
     if name == "unknown":
         name = "an unknown material"
     if kind.holds:
@@ -452,7 +455,8 @@ def _combine(
     """
     medians = [np.median([scale for scale, _ in witness]) for witness in witnesses]
     spreads = [np.median([spread for _, spread in witness]) for witness in witnesses]
-    logs, weights = np.log(np.array(medians)), np.array(spreads) ** -2.0
+    logs = np.log(np.array(medians))
+    weights = np.array(spreads) ** -2.0
     middle = _weighted_median(logs, weights)
     # The uncertainty is that of the witnesses, or their disagreement, if it is larger.
     variance = (weights * (logs - middle) ** 2).sum() / weights.sum()

@@ -187,8 +187,10 @@ def clipped_box(
     """Return the whole pixels of a photo of `size` (w, h) in a box; None outside the
     photo.
     """
-    x0, y0 = max(floor(box[0]), 0), max(floor(box[1]), 0)
-    x1, y1 = min(ceil(box[2]) + 1, size[0]), min(ceil(box[3]) + 1, size[1])
+    x0 = max(floor(box[0]), 0)
+    y0 = max(floor(box[1]), 0)
+    x1 = min(ceil(box[2]) + 1, size[0])
+    y1 = min(ceil(box[3]) + 1, size[1])
     if x1 > x0 and y1 > y0:
         return (x0, y0, x1, y1)
     return None
@@ -321,7 +323,8 @@ def floor_contact(silhouette: Silhouette, tilt: float) -> FloorContact | None:
     foot = floor + hidden_height
     lift = min(max(foot - bottom, 0.0), 1.0)
     rise = tilt * half_depth * (1 - lift / 2)
-    low, high = max(foot - bottom, 0.0), max(foot - top, 1.0)
+    low = max(foot - bottom, 0.0)
+    high = max(foot - top, 1.0)
     return FloorContact(min(floor, foot - rise), foot, half_depth, low, high)
 
 
@@ -373,7 +376,8 @@ def _floor_shadow_box(
 ) -> PixelBox | None:
     """Return the box of a shadow on the floor and of the hidden sky beside it."""
     ax, az, rise = _slopes(setting)
-    left, width = silhouette.corner[0], silhouette.coverage.shape[1]
+    left = silhouette.corner[0]
+    width = silhouette.coverage.shape[1]
     height = contact.high - contact.low
     sky = 0.45 * min(max(height, width), 4 * silhouette.thickness) + contact.low
     soft_x = 2 * penumbra_width(setting, contact.high, rise, ax)
@@ -427,7 +431,8 @@ def floor_share(
     The floor's line at `row` px spans the columns `ends`; farther parts are nearer to
     the middle of the picture.
     """
-    middle, tilt = setting.size[0] / 2, max(setting.tilt, 1e-3)
+    middle = setting.size[0] / 2
+    tilt = max(setting.tilt, 1e-3)
     distance = setting.distance(row)
     x = np.arange(box[0], box[2], dtype=np.float32)
     rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
@@ -474,7 +479,8 @@ def _split_rows(silhouette: Silhouette, contact: FloorContact) -> _Bands:
     count = min(MODEL.levels, len(rows))
     sizes = len(rows) // count + (np.arange(count) < len(rows) % count)
     ends = np.cumsum(sizes)
-    first, last = np.append(0, ends[:-1]), ends - 1
+    first = np.append(0, ends[:-1])
+    last = ends - 1
     lower = np.maximum(heights[last] - 0.5, 0.0)
     return _Bands(rows[first], heights[first] + 0.5, lower)
 
@@ -580,7 +586,8 @@ def _sky_behind_ball(
 ) -> F32:
     """Return the cosine-weighted share of the sky that a ball hides."""
     assert ball.radius is not None
-    radius, height = np.float32(ball.radius), np.float32(contact.low + ball.radius)
+    radius = np.float32(ball.radius)
+    height = np.float32(contact.low + ball.radius)
     x = (columns - np.float32(ball.center[0]))[None]
     distance = np.sqrt(x * x + depths * depths + height * height)
     fade = faded_out(x, depths, 2.2 * float(height))
@@ -635,7 +642,8 @@ def _add_sky_below(
     if end <= start:
         return
     # The view factor of a rectangle is the sum over its sides of sines of their angles.
-    x, height = columns[start:end], heights[start:end]
+    x = columns[start:end]
+    height = heights[start:end]
     side_share = _sine(x - x0, height) + _sine(x1 - x, height)
     half = np.float32(half_thickness)
     depth_share = _sine_of_depth(half - depths, height)
@@ -748,7 +756,8 @@ def _silhouette_on_table(
     # penumbrae farther away.
     for level in LEVELS_ON_TABLE:
         blur_width = penumbra_width(setting, thickness * level, rise)
-        dx, dy = ax * thickness * level, ay * thickness * level
+        dx = ax * thickness * level
+        dy = ay * thickness * level
         shadow = moved_silhouette(silhouette, box, dx, dy, blur_width)
         np.maximum(blocked_share, shadow, out=blocked_share)
     # Around its foot, an object also hides a part of the sky.
@@ -823,11 +832,13 @@ def _silhouette_on_wall(
 ) -> tuple[PixelBox, F32] | None:
     """Return a box, and the share of direct light that an object blocks there."""
     ax, ay, rise = _slopes_before(setting)
-    distance, slope = setting.backdrop, hypot(ax, ay)
+    distance = setting.backdrop
+    slope = hypot(ax, ay)
     blur_width = penumbra_width(setting, distance, rise, slope)
     half_depth = min(silhouette.thickness / 2, distance)
     margin = ceil(2.5 * blur_width + half_depth * slope) + 1
-    dx, dy = ax * distance, ay * distance - lean
+    dx = ax * distance
+    dy = ay * distance - lean
     x0, y0, x1, y1 = _silhouette_box(silhouette)
     surroundings = (
         x0 + dx - margin,
@@ -884,7 +895,8 @@ def _side_wall_box(
     lx, ly, lz = setting.light.direction
     x0, y0, x1, y1 = _silhouette_box(silhouette)
     wall_distance = setting.distance(floor)
-    mx, my = setting.size[0] / 2, setting.size[1] / 2
+    mx = setting.size[0] / 2
+    my = setting.size[1] / 2
     # Length of the light's path from the object to the wall, px.
     path = np.maximum((np.array([x0, x1]) - end) / lx, 0.0)[:, None]
     shrink = wall_distance / (wall_distance + path * lz)
@@ -902,11 +914,9 @@ def _blocked_on_side(
     box: PixelBox,
 ) -> F32:
     """Return the share of direct light (h, w) that an object blocks on a side wall."""
-    wall_distance, mx, my = (
-        setting.distance(floor),
-        setting.size[0] / 2,
-        setting.size[1] / 2,
-    )
+    wall_distance = setting.distance(floor)
+    mx = setting.size[0] / 2
+    my = setting.size[1] / 2
     # The wall is foreshortened: average several of its columns per column of pixels.
     steps = np.arange(MODEL.wall * (box[2] - box[0]))[None] + 0.5
     columns = box[0] - 0.5 + steps / MODEL.wall

@@ -77,7 +77,8 @@ def _runs(points: Array, tolerance: float) -> list[int]:
     columns = np.column_stack([np.ones(count), x, y, x**2, x * y, y**2])
     # Cumulative sums give the moments of any run as a difference.
     sums = np.concatenate([np.zeros((1, 6)), np.cumsum(columns, axis=0)])
-    before, after = sums[candidates], sums[candidates + 1]
+    before = sums[candidates]
+    after = sums[candidates + 1]
     best = np.zeros(len(candidates))
     previous = np.zeros(len(candidates), dtype=np.intp)
     for j in range(1, len(candidates)):
@@ -98,7 +99,9 @@ def _squared_distances(moments: Array) -> Array:
     `moments` (6, m): n, x, y, xx, xy, yy.
     """
     n, x, y, xx, xy, yy = moments
-    a, b, c = xx - x * x / n, xy - x * y / n, yy - y * y / n
+    a = xx - x * x / n
+    b = xy - x * y / n
+    c = yy - y * y / n
     return np.asarray((a + c) / 2 - np.sqrt(((a - c) / 2) ** 2 + b * b))
 
 
@@ -128,7 +131,8 @@ def end_lines(points: Array, tolerance: float) -> dict[int, tuple[Array, Array, 
     Each has a point, a unit direction and a number of points.
     """
     runs = _runs(points, tolerance)
-    first, last = points[: runs[1] + 1], points[runs[-2] :]
+    first = points[: runs[1] + 1]
+    last = points[runs[-2] :]
     return {0: (*_run_line(first), len(first)), -1: (*_run_line(last), len(last))}
 
 
@@ -147,9 +151,11 @@ def distances(points: Array, start: Array, end: Array) -> Array:
 
 def distances_to_line(points: Array, line: Array, is_loop: bool) -> Array:
     """Return the distance (n,) px of each point from a line `(K, 2)`."""
-    start, end = line[:-1], line[1:]
+    start = line[:-1]
+    end = line[1:]
     if is_loop:
-        start, end = line, np.roll(line, -1, axis=0)
+        start = line
+        end = np.roll(line, -1, axis=0)
     pair_distances = distances(points[:, None], start[None], end[None])
     nearest: Array = pair_distances.min(axis=1)
     return nearest
@@ -258,7 +264,8 @@ def _deviation(
     distant_runs = []
     for k, (first, last) in enumerate(pairwise(runs)):
         run = points[first : last + 1]
-        start, end = corners[k][-1], corners[k + 1][0]
+        start = corners[k][-1]
+        end = corners[k + 1][0]
         is_backwards = (end - start) @ (run[-1] - run[0]) <= 0
         line = _edge_with_neighbours(corners, k, is_closed_line)
         nearby_points = _points_around(points, runs, k, is_closed_line)

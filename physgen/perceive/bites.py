@@ -137,7 +137,8 @@ def _bites(
     size = max(1, round(width * scale)), max(1, round(height * scale))
     chances, crop = object_chances(photo, box_of(labels == label))
     photo_box = 0.0, 0.0, float(photo.shape[1]), float(photo.shape[0])
-    top, left = float(box[0].start), float(box[1].start)
+    top = float(box[0].start)
+    left = float(box[1].start)
     window = left, top, left + width, top + height
     surroundings = _Surroundings(
         np.asarray(cv2.resize(photo[box], size, interpolation=cv2.INTER_AREA)),
@@ -297,7 +298,8 @@ class _Surroundings:
 def _is_shade(colour: F32, ground: F32) -> Mask:
     """Return the pixels (h, w) with the colour of shaded ground."""
     ratio = colour / np.maximum(ground, 1)
-    high, low = ratio.max(axis=2), ratio.min(axis=2)
+    high = ratio.max(axis=2)
+    low = ratio.min(axis=2)
     is_darker = (high < BITES.brightest) & (low > BITES.darkest)
     return np.asarray(is_darker & (high - low < BITES.tint))
 

@@ -81,7 +81,8 @@ class _Container:
         if np.count_nonzero(own) > CONTENT.solid * np.count_nonzero(hull):
             return None
         rows = np.flatnonzero(own.any(axis=1))
-        low, height = int(rows[-1]), int(rows[-1] - rows[0]) + 1
+        low = int(rows[-1])
+        height = int(rows[-1] - rows[0]) + 1
         return _Container(i, own, hull > 0, low, height)
 
     def holds(self, other: Mask) -> bool:

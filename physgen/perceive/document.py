@@ -97,7 +97,8 @@ def object_entries(
     entries: dict[str, Any] = {}
     comments: dict[str, str] = {}
     for item in sorted(objects, key=lambda t: list(names).index(t.id)):
-        name, substance = names[item.id], matter[item.id]
+        name = names[item.id]
+        substance = matter[item.id]
         draft = _EntryDraft(f"objects.{name}", {}, {}, comments)
         draft.sources["mask"] = _mask_source(detections, item.id)
         _add_label(draft, item, labels)

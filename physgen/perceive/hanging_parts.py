@@ -89,7 +89,8 @@ def _find_touching_ids(labels: Labels, mask: Mask, reach: int) -> set[int]:
 def _has_carrier(labels: Labels, mask: Mask) -> bool:
     """Return whether something is under the middle of a mask, or on both sides of it."""
     rows, columns = np.nonzero(mask)
-    left, right = int(columns.min()), int(columns.max())
+    left = int(columns.min())
+    right = int(columns.max())
     bottom = np.zeros(right - left + 1, np.int64)
     np.maximum.at(bottom, columns - left, rows)
     gap = max(3, int(HANGING.gap * (rows.max() - rows.min() + 1)))

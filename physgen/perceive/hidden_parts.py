@@ -184,7 +184,8 @@ def _paste(mask: Mask, corner: Array, shape: tuple[int, ...]) -> Labels:
     """
     labels = np.zeros(shape, np.uint16)
     rows, columns = np.nonzero(mask)
-    rows, columns = rows + int(corner[1]), columns + int(corner[0])
+    rows = rows + int(corner[1])
+    columns = columns + int(corner[0])
     is_inside = (rows >= 0) & (rows < shape[0])
     is_inside &= (columns >= 0) & (columns < shape[1])
     labels[rows[is_inside], columns[is_inside]] = 1
@@ -223,7 +224,8 @@ def _covered_turn(border: Array, center: Array) -> float:
 def _circle(border: Array, mask: Mask, front_mask: Mask) -> Disc | None:
     """Return the circle of a ball or a fruit, or None."""
     circle = robust_circle(border)
-    center, radius = circle[:2], float(circle[2])
+    center = circle[:2]
+    radius = float(circle[2])
     distances = np.abs(np.hypot(*(border - center).T) - radius)
     fits = float((distances <= max(1.0, HIDDEN.lumpy * radius)).mean())
     if fits < HIDDEN.fits or _covered_turn(border, center) < HIDDEN.arc:

@@ -193,13 +193,14 @@ def _add_shadows(
     Returns the percepts with the background without shadows.
     """
     shadows = _find_shadows(percepts, objects, sim)
-    clean_background = shadows.clean
+    clean_background = shadows.clean_background
     if clean_background is None:
         return percepts
-    background, coverage = percepts.background, percepts.coverage
+    background = percepts.background
+    coverage = percepts.coverage
     assert background is not None
     assert coverage is not None
-    if not shadows.faint:
+    if not shadows.is_faint_shadow:
         clean_background = refill_background(
             clean_background,
             background,
@@ -357,7 +358,9 @@ def _find_shadows(percepts: Percepts, objects: list[PhotoObject], sim: Sim) -> S
         for k, ends in enumerate(sim.edges, 1)
     )
     boundary = BoundaryGuess(View.SIDE if sim.gravity else View.TOP, 1.0, "", walls)
-    rgb, labels, normals = percepts.rgb, percepts.labels, percepts.normals
+    rgb = percepts.rgb
+    labels = percepts.labels
+    normals = percepts.normals
     matter = registry.make("physics")(rgb, objects, None)
     if normals is None:
         normals = registry.make("normals")(rgb, labels, objects, boundary)
@@ -409,7 +412,8 @@ def _check_folder(folder: Path) -> None:
 def _check_size(path: Path, size: tuple[int, ...], rgb: Rgb) -> None:
     """Raise InputError if a picture has another size than the photo."""
     if tuple(size[:2]) != rgb.shape[:2]:
-        file_size, photo = (f"{s[1]} x {s[0]} px" for s in (size, rgb.shape))
+        file_size = f"{size[1]} x {size[0]} px"
+        photo = f"{rgb.shape[1]} x {rgb.shape[0]} px"
         raise Message.IMPORT_SIZE.error(str(path), file_size, size=photo)
 
 
@@ -448,10 +452,8 @@ def _read_maps(folder: Path, rgb: Rgb) -> tuple[F32 | None, F32 | None, F32 | No
     if normals is not None:
         normals = normals * np.array([-1, -1, 1], np.float32)
         normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-6)
-    shading, depth = (
-        _read_array(folder / f"{name}.npy", rgb.shape[:2])
-        for name in ("shading", "depth")
-    )
+    shading = _read_array(folder / "shading.npy", rgb.shape[:2])
+    depth = _read_array(folder / "depth.npy", rgb.shape[:2])
     return normals, shading, depth
 
 
@@ -472,10 +474,8 @@ def _read_array(path: Path, shape: tuple[int, ...]) -> F32 | None:
         or array.dtype.kind not in "fiu"
         or array.shape != shape
     ):
-        size, photo_size = (
-            " x ".join(map(str, sizes))
-            for sizes in (getattr(array, "shape", ()), shape)
-        )
+        size = " x ".join(map(str, getattr(array, "shape", ())))
+        photo_size = " x ".join(map(str, shape))
         raise Message.ARRAY_WRONG.error(str(path), size or "it", wanted=photo_size)
     values = np.array(array, np.float32)
     if not np.isfinite(values).all():
@@ -493,7 +493,8 @@ def read_sim(path: Path) -> Sim:
     """Read sim.yaml, or raise InputError with every invalid line."""
     source = Source(str(path), path.parent)
     root = read(decode(path.read_bytes(), str(path)), source, start=SIM_START)
-    data, properties = to_plain_data(root), _schema()["properties"]
+    data = to_plain_data(root)
+    properties = _schema()["properties"]
     object_properties = properties["obj_info"]["additionalProperties"]["properties"]
     problems = _find_problems(root, data, properties, object_properties)
     errors = []
@@ -502,6 +503,19 @@ def read_sim(path: Path) -> Sim:
             errors.append(problem)
     if errors:
         raise InputError(errors)
+    edges = [((a[0], a[1]), (b[0], b[1])) for a, b in data.get("edge_list") or []]
+    return Sim(
+        **_settings(data, properties),
+        bodies=_read_bodies(root, data, object_properties),
+        edges=edges,
+        warnings=tuple(problems),
+    )
+
+
+def _read_bodies(
+    root: Node, data: Any, object_properties: Mapping[str, Schema]
+) -> dict[int, Body]:
+    """Return the objects of sim.yaml by id."""
     velocities = data.get("init_velocity") or {}
     pushes = data.get("init_acc") or {}
     bodies = {}
@@ -514,13 +528,7 @@ def read_sim(path: Path) -> Sim:
             velocity=velocities.get(key),
             push=pushes.get(key),
         )
-    edges = [((a[0], a[1]), (b[0], b[1])) for a, b in data.get("edge_list") or []]
-    return Sim(
-        **_settings(data, properties),
-        bodies=bodies,
-        edges=edges,
-        warnings=tuple(problems),
-    )
+    return bodies
 
 
 def _find_problems(
@@ -587,7 +595,8 @@ def _unknown_keys(
                 key_path = f"{path}.{key}"
             else:
                 key_path = key
-            place, quoted_key = child.key_place, f'"{key}"'
+            place = child.key_place
+            quoted_key = f'"{key}"'
             unknown = Message.UNKNOWN_SIM_KEY
             if similar_key is None:
                 yield unknown.warning(place, key_path, quoted_key, fix="it is ignored")

@@ -69,7 +69,8 @@ RENDER = {
 
 def as_shot(scene: PerceivedScene) -> PerceivedScene:
     """Return an imported scene with spheres, boxes, long floors, a table, 30 fps and pushes that take a while."""
-    document, comments = dict(scene.document), dict(scene.comments)
+    document = dict(scene.document)
+    comments = dict(scene.comments)
     height, width = scene.percepts.labels.shape
     floors = [wall["segment"] for wall in document["boundaries"].values()]
     objects = {}
@@ -141,13 +142,15 @@ def _box_around(
         angle, wide, high = angle - copysign(90, angle), high, wide
     # As large as the outline.
     scale = sqrt(area / (wide * high))
-    wide, high = round(scale * wide, 2), round(scale * high, 2)
+    wide = round(scale * wide, 2)
+    high = round(scale * high, 2)
     if abs(angle) < SHOT.upright:
         foot = float(points[:, 1].max())
         for (x0, y0), (x1, y1) in floors:
             is_level = y0 == y1 and min(x0, x1) <= x <= max(x0, x1)
             if is_level and abs(foot - y0) <= SHOT.stands:
-                angle, y = 0.0, y0 - high / 2
+                angle = 0.0
+                y = y0 - high / 2
     box: dict[str, Any] = {"center": [short(round(x, 2)), short(round(y, 2))]}
     box["size"] = [short(wide), short(high)]
     if angle:
@@ -239,7 +242,8 @@ def _move_outwards(
     """
     ends = np.array(segment, np.float64)
     last = np.array(size, np.float64) - 1
-    is_low, is_high = ends <= SHOT.border, ends >= last - SHOT.border
+    is_low = ends <= SHOT.border
+    is_high = ends >= last - SHOT.border
     is_along_border = bool(is_low.all(axis=0).any() or is_high.all(axis=0).any())
     if is_along_border:
         ends += SHOT.wall_distance * np.array(size) * (is_high.astype(int) - is_low)

@@ -178,7 +178,8 @@ def _reach_under(
 
     `circles` are the circles of their free borders.
     """
-    mask, other = part == i, part == j
+    mask = part == i
+    other = part == j
     depth = _filled_bay(mask, other)
     if (circle := circles[i]) is not None:
         rim_depth = circle[2] - _distance(circle, other.shape)
@@ -293,7 +294,8 @@ def _box_of(labels: Labels, i: int) -> Box:
 
 def _box_around(boxes: Sequence[Box]) -> Box:
     """Return the box around boxes."""
-    left, top = min(box[0] for box in boxes), min(box[1] for box in boxes)
+    left = min(box[0] for box in boxes)
+    top = min(box[1] for box in boxes)
     right = max(box[0] + box[2] for box in boxes)
     bottom = max(box[1] + box[3] for box in boxes)
     return left, top, right - left, bottom - top
@@ -306,7 +308,8 @@ def _window(labels: Labels, box: Box) -> tuple[Labels, Mask, Array]:
     x, y, width, height = box
     # A circle may reach farther than its visible part.
     margin = (max(width, height) - 1) // 2 + 4
-    top, left = max(y - margin, 0), max(x - margin, 0)
+    top = max(y - margin, 0)
+    left = max(x - margin, 0)
     cut = labels[top : y + height + margin, left : x + width + margin]
     return (
         np.pad(cut, 2),

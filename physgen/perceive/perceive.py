@@ -122,16 +122,17 @@ def perceive(
     """
     check_size(rgb)
     run = PerceptionRun(rgb, backends or Backends(), progress)
-    scenery: Scenery | None = None
-    doubtful_parts: Sequence[Remain] = ()
     if detections is None:
-        detections, scenery, doubtful_parts = _detect_objects(run, nouns, facts.view)
-    objects, speck_count = fit_objects(rgb, detections)
+        segmentation = _segment_photo(run, nouns, facts.view)
+    else:
+        segmentation = _Segmentation(detections)
+    objects, speck_count = fit_objects(rgb, segmentation.detections)
     if not objects:
+        # Without objects, every rename is an error.
         naming.relabel_objects(objects, renames, {})
-        empty_scene = _empty_scene(rgb, detections, facts.pixels_per_meter)
-        return run.sign(meanwhile(empty_scene))
-    detections = _extend_to_discs(detections, objects)
+        scene = _empty_scene(rgb, segmentation.detections, facts)
+        return run.sign(meanwhile(scene))
+    detections = _extend_to_discs(segmentation.detections, objects)
     filled_labels = _labels_to_fill(detections)
     # The matte and the fill run in a second thread, beside stages without need for
     # them.
@@ -139,7 +140,9 @@ def perceive(
         cutting = None
         if run.core("matte"):
             cutting = executor.submit(run.cut_out, filled_labels)
-        estimate = _estimate_scene(run, detections, objects, renames, facts, scenery)
+        estimate = _estimate_scene(
+            run, detections, objects, renames, facts, segmentation.scenery
+        )
         if cutting:
             surroundings = cutting.result()
         else:
@@ -163,7 +166,7 @@ def perceive(
             shadows,
             facts,
             speck_count,
-            doubtful_parts,
+            segmentation.doubtful_parts,
         )
         # The caller completes the scene while the fill runs.
         draft = meanwhile(draft)
@@ -175,10 +178,19 @@ def perceive(
         return run.sign(scene)
 
 
-def _detect_objects(
+@dataclass(frozen=True)
+class _Segmentation:
+    """The objects of a photo, and other results of its segmentation."""
+
+    detections: Detections
+    scenery: Scenery | None = None
+    doubtful_parts: Sequence[Remain] = ()
+
+
+def _segment_photo(
     run: PerceptionRun, nouns: Sequence[str], view: BoundaryGuess | None
-) -> tuple[Detections, Scenery | None, Sequence[Remain]]:
-    """Segment a photo; return detections, scenery and doubtful parts of objects."""
+) -> _Segmentation:
+    """Segment a photo."""
     detections, scenery = run.detect(nouns)
     ids = []
     for i in np.unique(detections.labels):
@@ -196,7 +208,7 @@ def _detect_objects(
     labels = close_part_joints(detections.labels, labels)
     detections = replace(detections, labels=labels)
     detections = attach_loose_parts(run.rgb, detections, view)
-    return detections, scenery, doubtful_parts
+    return _Segmentation(detections, scenery, doubtful_parts)
 
 
 def _extend_to_discs(
@@ -232,7 +244,8 @@ def _estimate_scene(
     scenery: Scenery | None,
 ) -> _SceneEstimate:
     """Estimate labels, matter, boundaries, maps and light."""
-    rgb, labels = run.rgb, detections.labels
+    rgb = run.rgb
+    labels = detections.labels
     # Labels decide about outlines, materials and sizes, so they come first.
     names = run.name(detections, objects, renames)
     outlined_objects = outline_as_named(rgb, labels, names.objects)
@@ -321,7 +334,8 @@ def _with_backgrounds(
     shadows: Shadows,
 ) -> PerceivedScene:
     """Return the scene with its backgrounds."""
-    clean_background, owners = backgrounds.clean, shadows.owners
+    clean_background = backgrounds.clean_picture
+    owners = shadows.owners
     if estimate.boundaries.view is View.SIDE:
         # Mirror images are removed last, from the filled background.
         standing_ids = []
@@ -337,7 +351,7 @@ def _with_backgrounds(
         )
     percepts = replace(
         draft.percepts,
-        background=backgrounds.shaded,
+        background=backgrounds.shaded_picture,
         clean=clean_background,
         shadows=owners,
     )
@@ -355,7 +369,8 @@ def _draft_scene(
     doubtful_parts: Sequence[Remain],
 ) -> PerceivedScene:
     """Return the scene without backgrounds."""
-    boundaries, objects = estimate.boundaries, estimate.objects
+    boundaries = estimate.boundaries
+    objects = estimate.objects
     labels, doubtful, doubt_reasons = document.with_doubtful(
         detections.labels, detections.doubtful
     )
@@ -423,7 +438,8 @@ def _object_entries(
     names_by_id: Mapping[int, str],
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the entries of the objects, and the comments by dotted path."""
-    names, boundaries = estimate.names, estimate.boundaries
+    names = estimate.names
+    boundaries = estimate.boundaries
     vehicles: Mapping[int, Vehicle] = {}
     if boundaries.view is View.SIDE:
         vehicles = find_vehicles(
@@ -502,14 +518,13 @@ def _scene_warnings(
     return tuple(warnings)
 
 
-def _empty_scene(
-    rgb: Rgb, detections: Detections, pixels_per_meter: float | None
-) -> PerceivedScene:
+def _empty_scene(rgb: Rgb, detections: Detections, facts: KnownFacts) -> PerceivedScene:
     """Return a scene without objects: the unchanged photo."""
+    pixels_per_meter = facts.pixels_per_meter or assumed_scale(max(rgb.shape[:2]))
     scene: dict[str, Any] = {
         "physgen": 1, "image": "photo.png", "assets": "photo.assets",
         "world": {
-            "view": View.SIDE.value, "pixels_per_meter": pixels_per_meter or assumed_scale(max(rgb.shape[:2])),
+            "view": View.SIDE.value, "pixels_per_meter": pixels_per_meter,
         },
         "objects": {}, "boundaries": {},
     }  # fmt: skip
@@ -546,7 +561,7 @@ def _world(
 
 
 def _light(guess: LightGuess, shadows: Shadows) -> dict[str, Any]:
-    if shadows.clean is None:
+    if shadows.clean_background is None:
         source = document.provenance("shading", guess.confidence)
         return shape_entries.light_entry(guess.light) | {"from": source}
     source = document.provenance("shadows", shadows.confidence)

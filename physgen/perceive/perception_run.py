@@ -68,7 +68,7 @@ def _owners_beside_mirrors(shadows: Shadows, labels: Labels) -> Labels | None:
 
     An empty map says that the background still contains its shadows.
     """
-    if shadows.clean is None and shadows.owners is None:
+    if shadows.clean_background is None and shadows.owners is None:
         return np.zeros_like(labels)
     return shadows.owners
 
@@ -124,15 +124,19 @@ class PerceptionRun:
             )
         else:
             backgrounds = fill_backgrounds(surroundings, shadows, inpaint)
-        if backgrounds.clean is None or shadows.faint or standing is None:
+        if (
+            backgrounds.clean_picture is None
+            or shadows.is_faint_shadow
+            or standing is None
+        ):
             return backgrounds
         # Scenery stays in the picture, and so do its reflections.
         movable = np.where(scenery_mask, np.uint16(0), standing)
         coverage = np.where(scenery_mask, np.float32(0), surroundings.coverage)
         clean_background = remove_reflections(
-            backgrounds.clean, movable, coverage, inpaint
+            backgrounds.clean_picture, movable, coverage, inpaint
         )
-        return replace(backgrounds, clean=clean_background)
+        return replace(backgrounds, clean_picture=clean_background)
 
     def without_mirror_images(
         self,
@@ -148,15 +152,15 @@ class PerceptionRun:
         Without mirror images in the photo, both stay as they are.
         """
         inpaint = partial(self.crew.call, "inpaint")
-        if backgrounds.clean is None:
-            visible = backgrounds.shaded
+        if backgrounds.clean_picture is None:
+            visible = backgrounds.shaded_picture
         else:
-            visible = backgrounds.clean
+            visible = backgrounds.clean_picture
         mirrorless = remove_mirror_images(
             self.rgb, visible, labels, coverage, ids, inpaint
         )
         if mirrorless is None:
-            return backgrounds.clean, shadows.owners
+            return backgrounds.clean_picture, shadows.owners
         return mirrorless, _owners_beside_mirrors(shadows, labels)
 
     def detect(self, nouns: Sequence[str]) -> tuple[Detections, Scenery | None]:
@@ -267,7 +271,10 @@ class PerceptionRun:
         )
         if view:
             guess = replace(guess, confidence=view.confidence, reason=view.reason)
-        depth = None if self.crew.name("depth") == "none" else extra.get("depth")
+        if self.crew.name("depth") == "none":
+            depth = None
+        else:
+            depth = extra.get("depth")
         return guess, depth, extra.get("normals")
 
     def sign(self, scene: PerceivedScene) -> PerceivedScene:
@@ -287,10 +294,8 @@ def nearest_labels(labels: Labels, ids: Sequence[int]) -> Mask:
     others = (labels > 0) & ~own_mask
     if not others.any():
         return np.ones(labels.shape, bool)
-    own_distance, other_distance = (
-        cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
-        for mask in (own_mask, others)
-    )
+    own_distance = cv2.distanceTransform((~own_mask).astype(np.uint8), cv2.DIST_L2, 5)
+    other_distance = cv2.distanceTransform((~others).astype(np.uint8), cv2.DIST_L2, 5)
     return np.asarray(own_distance < other_distance)
 
 

@@ -285,10 +285,10 @@ def _mask_ids(objects: Sequence[Object]) -> list[int]:
     for item in objects:
         given_ids.append(item.mask.id if isinstance(item.mask, MaskId) else 0)
     free = iter(range(max(given_ids, default=0) + 1, 65536))
-    return [
-        i if i and i not in given_ids[:k] else next(free)
-        for k, i in enumerate(given_ids)
-    ]
+    result: list[int] = []
+    for k, i in enumerate(given_ids):
+        result.append(i if i and i not in given_ids[:k] else next(free))
+    return result
 
 
 def with_sources(data: Entry, scene: Scene) -> dict[str, Any]:
@@ -315,7 +315,8 @@ def known_view(scene: Scene) -> BoundaryGuess:
     """Return the scene's view with the recorded confidence and reason, or as the user
     gave it.
     """
-    record, view = scene.record.world, scene.world.view
+    record = scene.record.world
+    view = scene.world.view
     wrote = None
     if record.get("view") == view.value:
         wrote = record.get("view_from")
@@ -333,10 +334,8 @@ def as_before(
     If the photo `is_resized`, its boundaries move to nearby new ones, because the
     objects stand on those in its pixels.
     """
-    walls, doubts = (
-        scene.record.world["boundaries"],
-        read_recorded(scene.assets, "suitability"),
-    )
+    walls = scene.record.world["boundaries"]
+    doubts = read_recorded(scene.assets, "suitability")
     if is_resized:
         anew = perceived_scene.document["boundaries"].values()
         walls = {name: _nearest_wall(wall, anew) for name, wall in walls.items()}
@@ -368,7 +367,8 @@ def true_comments(
     on whole sections stay; the comment on the view requires a recorded reason in
     `world`.
     """
-    value, has_reason = scene_files.value_at, "view_from" in world
+    value = scene_files.value_at
+    has_reason = "view_from" in world
     candidates = {}
     for k, reason in comments.items():
         if has_reason or k != "world.view":
@@ -531,7 +531,8 @@ def same_objects(scene: Scene, before: Labels, labels: Labels) -> bool:
 
     In that case the boundaries are the same, too.
     """
-    world, assets = scene.record.world, scene.assets
+    world = scene.record.world
+    assets = scene.assets
     if (
         assets is None
         or scene.world.view.value != world.get("view")
@@ -588,7 +589,8 @@ def rewritten(
     """Return an object as it `old_entry`, with the values and sources of `keys` as they are
     `user_entry`.
     """
-    result, sources = dict(old_entry), dict(old_entry.get("from", {}))
+    result = dict(old_entry)
+    sources = dict(old_entry.get("from", {}))
     # In the order of a set, new keys would differ from run to run.
     for key in sorted(keys):
         for values, new in ((result, user_entry), (sources, user_entry["from"])):
@@ -633,7 +635,8 @@ def kept_doubtful(
 
     Entries are those of the doubtful regions.
     """
-    result, entries = labels.copy(), {}
+    result = labels.copy()
+    entries = {}
     for name, entry in scene.get("doubtful", {}).items():
         # The user drew this region.
         if not isinstance(entry["mask"], int):
@@ -657,7 +660,9 @@ def kept_doubtful(
 
 def free_name(name: str, names: Collection[str]) -> str:
     """Return the name, or the first of `name-2`, `name-3`, ... that is free."""
-    free, k = name, 2
+    free = name
+    k = 2
     while free in names:
-        free, k = f"{name}-{k}", k + 1
+        free = f"{name}-{k}"
+        k = k + 1
     return free

@@ -108,7 +108,8 @@ def find_remains(rgb: Rgb, labels: Labels, ids: Sequence[int]) -> list[Remain]:
     height, width = labels.shape
     scale = min(1.0, REMAINS.side / max(height, width))
     size = (max(round(width * scale), 1), max(round(height * scale), 1))
-    area, nearest = cv2.INTER_AREA, cv2.INTER_NEAREST_EXACT
+    area = cv2.INTER_AREA
+    nearest = cv2.INTER_NEAREST_EXACT
     small = np.asarray(cv2.resize(rgb, size, interpolation=area), np.uint8)
     small_labels = np.asarray(
         cv2.resize(labels, size, interpolation=nearest), np.uint16
@@ -175,7 +176,8 @@ def _remains_of(rgb: Rgb, labels: Labels, i: int) -> list[Remain]:
     surroundings = _crop_surroundings(rgb, labels, i)
     if surroundings is None:
         return []
-    free, area = surroundings.free, surroundings.area
+    free = surroundings.free
+    area = surroundings.area
     candidates = _find_narrow_parts(surroundings)
     remains = []
     used_mask = np.zeros_like(surroundings.mask)
@@ -268,7 +270,8 @@ def _find_parts_on_plain(surroundings: _Surroundings) -> list[Mask]:
     The background may be shaded smoothly. Shadows and reflections have softer borders
     than the object and are excluded.
     """
-    free, distance = surroundings.free, surroundings.distance
+    free = surroundings.free
+    distance = surroundings.distance
     differences = _background_differences(surroundings.rgb, free)
     if float((differences[free] < REMAINS.variation).mean()) < REMAINS.plain_share:
         return []

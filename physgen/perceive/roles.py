@@ -148,7 +148,7 @@ class Intrinsics:
 class Shadows:
     """The background without the objects' shadows, and the light that casts them."""
 
-    clean: Rgb | None
+    clean_background: Rgb | None
     """The background without shadows; None if no shadow is visible."""
     owners: Labels | None
     """(H, W): id of the object that casts the shadow, 0 = none; None if no shadow is
@@ -162,8 +162,8 @@ class Shadows:
     backdrop: float | None
     """px: distance from the objects back to an upright wall with shadows."""
     confidence: float
-    faint: bool = False
-    """Whether the removed shadow is so faint that `clean` needs no refill behind
+    is_faint_shadow: bool = False
+    """Whether the removed shadow is so faint that `clean_background` needs no refill behind
     objects.
     """
 

@@ -417,7 +417,8 @@ def _user_keys(
     scene: PerceivedScene,
 ) -> list[str]:
     """Return the dotted paths of an object's values that belong to the user."""
-    sources, old_sources = item.get("from", {}), old_item.get("from", {})
+    sources = item.get("from", {})
+    old_sources = old_item.get("from", {})
     keys = set(scene.wrote.get(name, {}))
     for key in ("label", "mass", "friction"):
         if key in old_sources and key not in sources:
@@ -430,7 +431,8 @@ def _user_keys(
 
 def _has_same_detection(item: Mapping[str, Any], old_item: Mapping[str, Any]) -> bool:
     """Return whether an object has the mask and the label of its old record."""
-    sources, old_sources = item.get("from", {}), old_item.get("from", {})
+    sources = item.get("from", {})
+    old_sources = old_item.get("from", {})
     has_same_mask = old_sources.get("mask") == sources.get("mask")
     return has_same_mask and old_item.get("label") == item.get("label")
 
@@ -439,7 +441,10 @@ def value_at(document: Mapping[str, Any], key: str) -> object:
     """Return the value at a dotted key, or None."""
     value: Any = document
     for part in key.split("."):
-        value = value.get(part) if isinstance(value, Mapping) else None
+        if isinstance(value, Mapping):
+            value = value.get(part)
+        else:
+            value = None
     return value
 
 
@@ -455,9 +460,11 @@ def short_entries(
     solid, `from` and defaults, except if it was `entries` with them or the object's
     mask is not an id.
     """
-    short_objects, stored_shapes = {}, []
+    short_objects = {}
+    stored_shapes = []
     for name, item in objects.items():
-        written_entry, mask = entries.get(name, {}), item.get("mask")
+        written_entry = entries.get(name, {})
+        mask = item.get("mask")
         has_new_shape = "shape" in item and "shape" not in written_entry
         if has_new_shape and isinstance(mask, int):
             if "solid" in written_entry:

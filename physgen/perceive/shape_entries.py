@@ -48,7 +48,7 @@ def view_entry(shadows: Shadows, side: bool) -> dict[str, Any]:
     """Return the entries of `world:` that place shadows; none if no shadow is
     visible.
     """
-    if shadows.clean is None or not side:
+    if shadows.clean_background is None or not side:
         return {}
     return {"tilt": shadows.tilt} | (
         {} if shadows.backdrop is None else {"backdrop": shadows.backdrop}

@@ -99,7 +99,8 @@ def fit_sphere_shading(rgb: Rgb, disc: Disc) -> SphereFit | None:
     Returns None if the photo shows too few pixels of the disc.
     """
     (left, top), radius = disc.center - disc.radius, disc.radius
-    x0, y0 = max(int(left), 0), max(int(top), 0)
+    x0 = max(int(left), 0)
+    y0 = max(int(top), 0)
     part = rgb[y0 : int(top + 2 * radius) + 2, x0 : int(left + 2 * radius) + 2]
     rows, columns = np.indices(part.shape[:2])
     u = (columns + x0 - disc.center[0]) / radius
@@ -133,7 +134,8 @@ def _fit_shading(level: Array, u: Array, v: Array) -> SphereFit:
         shading = rows @ solution
         weight = 1 / np.maximum(np.abs(level - shading) / SPHERE.outlier, 1)
     distance = np.hypot(u, v)
-    outer, middle = distance > SPHERE.rim, distance < SPHERE.middle
+    outer = distance > SPHERE.rim
+    middle = distance < SPHERE.middle
     rim = 0.0
     if outer.any() and middle.any():
         rim = float(shading[outer].mean() - shading[middle].mean())

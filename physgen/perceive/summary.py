@@ -58,7 +58,8 @@ def _first_line(
 
 def _object_rows(scene: PerceivedScene) -> dict[str, str]:
     """Return the rows about the objects, scale, view, supports and motion."""
-    document, comments = scene.document, scene.comments
+    document = scene.document
+    comments = scene.comments
     world = document["world"]
     labels = {k: item["label"] for k, item in enumerate(document["objects"].values())}
     view_reason = comments.get("world.view", "").partition(": ")[2]
@@ -103,7 +104,8 @@ def _motion_row(scene: PerceivedScene) -> str:
 
 def _doubtful_row(scene: PerceivedScene, doubtful_names: Sequence[str]) -> str:
     """Return the row with `doubtful_names` objects and doubtful regions."""
-    document, comments = scene.document, scene.comments
+    document = scene.document
+    comments = scene.comments
     doubts: list[str] = []
     if doubtful_names:
         doubts.append(Note.UNSURE.text(names=", ".join(doubtful_names)))

@@ -165,22 +165,26 @@ def _crop_object(rgb: Rgb, mask: Mask) -> _ObjectView:
     x0, y0, width, height = cv2.boundingRect(mask.astype(np.uint8))
     scale = SEARCH.side / max(width, height)
     pad = max(4, round(0.03 * max(width, height)))
-    left, top = max(x0 - pad, 0), max(y0 - pad, 0)
+    left = max(x0 - pad, 0)
+    top = max(y0 - pad, 0)
     window = np.s_[top : y0 + height + pad, left : x0 + width + pad]
-    part = rgb[window]
-    rows, columns = part.shape[:2]
+    rows, columns = mask[window].shape
     size = max(round(columns * scale), 8), max(round(rows * scale), 8)
-    if scale < 1:
-        interpolation = cv2.INTER_AREA
-    else:
-        interpolation = cv2.INTER_LINEAR
-    small = cv2.resize(part, size, interpolation=interpolation)
-    grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    grey = _resize_to_grey(rgb[window], size, scale)
     small_mask = cv2.resize(
         mask[window].astype(np.uint8), size, interpolation=cv2.INTER_AREA
     )
     ratio = (size[0] / columns, size[1] / rows)
     return _ObjectView(grey, small_mask > 0, (left, top), ratio, width)
+
+
+def _resize_to_grey(
+    rgb: Rgb, size: tuple[int, int], scale: float
+) -> NDArray[np.float32]:
+    """Return the grey levels of a photo, scaled to `size`, width and height px."""
+    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    scaled = cv2.resize(rgb, size, interpolation=interpolation)
+    return cv2.cvtColor(scaled, cv2.COLOR_RGB2GRAY).astype(np.float32)
 
 
 def _find_axles(grey: NDArray[np.float32], mask: Mask) -> list[_Candidate]:
@@ -246,7 +250,8 @@ def _best_pair(
     candidates: Sequence[_Candidate], span: float
 ) -> tuple[_Candidate, _Candidate] | None:
     """Return the two most confident axles of one vehicle, at least `span` px apart."""
-    best, best_score = None, 2 * SEARCH.circles
+    best = None
+    best_score = 2 * SEARCH.circles
     for left, right in combinations(candidates, 2):
         small, large = sorted((left.radius, right.radius))
         distance = abs(left.x - right.x)
@@ -258,7 +263,8 @@ def _best_pair(
         if rise > SEARCH.level * distance:
             continue
         if left.score + right.score > best_score:
-            best, best_score = (left, right), left.score + right.score
+            best = (left, right)
+            best_score = left.score + right.score
     return best
 
 

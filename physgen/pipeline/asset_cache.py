@@ -34,6 +34,7 @@ from physgen.render.foot_halos import FootHalo
 from physgen.render.shadow_decomposition import CastShadow, LitBackground
 from physgen.render.sprites import Gloss, Relief, Sides, Sprite
 from physgen.render.stage import Mirror, ShadowBody, Stage
+from physgen.render.standing_shade import StandingShade
 from physgen.render.wheel_sprites import WheelSprite
 from physgen.report.record import file_hash
 from physgen.scene.files import CACHE_FOLDER
@@ -48,7 +49,7 @@ CLASSES: Mapping[str, type] = {
     for one in (
         Ball, BlockTop, Border, CastShadow, DistantLight, FootHalo, Gloss,
         LitBackground, Mirror, Pattern, Pose, Relief, ShadowBody, ShadowSetting, Sides,
-        Silhouette, Sprite, Stage, WheelSprite,
+        Silhouette, Sprite, Stage, StandingShade, WheelSprite,
     )
 }  # fmt: skip
 """Classes of cached values, by name."""

@@ -185,7 +185,7 @@ def _new_record(path: str | Path, options: RenderOptions) -> RunRecord:
     """Return the record of a run that begins."""
     command = command_alone(path, options)
     record = RunRecord(
-        scene="", command=list(options.command) or command, alone=command
+        scene="", command=list(options.command) or command, clip_command=command
     )
     record.overrides = list(options.overrides)
     record.variant = options.variant

@@ -178,7 +178,7 @@ def refine_footage(
         return clip(footage.rgb[sample] for sample in sample_order)
 
     # The unrefined clip comes first: it remains if the refinement fails after hours.
-    record.unrefined = _write_unrefined(files, unrefined_clip, len(sample_order))
+    record.unrefined_frames = _write_unrefined(files, unrefined_clip, len(sample_order))
     name = scene.refine.backend
     try:
         with record.stage("load model"), backend_errors("--refine", name):

@@ -71,18 +71,31 @@ class FootHalo:
     """Columns of both ends of the floor, px."""
     side: float
     """Smaller side of the object, px."""
+    weight: F32 | None = None
+    """Share of the pixels (h, w) that belongs to the object, 0..1; None of a mirror
+    image."""
+    darkness: F32 | None = None
+    """-log of the share of full light in the photo, (h, w, 3): that of `shade` and of
+    drawn shadows."""
 
     def draw(
-        self, start: Pose, pose: Pose, turn: float, size: tuple[int, int]
+        self,
+        start: Pose,
+        pose: Pose,
+        turn: float,
+        size: tuple[int, int],
+        share: float = 1.0,
     ) -> tuple[Slices, F32, F32] | None:
         """Return a box of the photo, the share of its light that is left there, and the
         added light, (h, w, 3), at a pose; None if both are invisible.
+
+        `share`: share of the shade that is not drawn with a contact shade.
         """
         dx, dy = pose.x - start.x, pose.y - start.y
         # The object follows its floor; a larger rise lifts it off.
         rise = min(max(dy, -FOOT_HALO.slope * abs(dx)), FOOT_HALO.slope * abs(dx))
         lift = (dy - rise) / (SHADOW.lift * self.side)
-        share = exp(-(hypot(lift, turn / SHADOW.turn) ** 2))
+        share *= exp(-(hypot(lift, turn / SHADOW.turn) ** 2))
         if share < FOOT_HALO.least_share:
             return None
         shift = (dx, rise)

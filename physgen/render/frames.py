@@ -30,7 +30,11 @@ from physgen.render.occlusion import (
     relit_border,
     sprite_silhouette,
 )
-from physgen.render.shadow_decomposition import LitBackground, shaded_background
+from physgen.render.shadow_decomposition import (
+    ContactShadow,
+    LitBackground,
+    shaded_background,
+)
 from physgen.render.sprites import CUT, Sides
 from physgen.render.squash import squash_picture
 from physgen.render.stage import (
@@ -408,6 +412,7 @@ class _Painter:
         boxes.
         """
         boxes = self._paint_foot_halos(pictures)
+        contacts = self._shadows.contacts
         shares = halos_left(self._stage.sprites, stands)
         for picture in pictures:
             reflection = _draw_floor_reflection(self._stage, picture, shares)
@@ -416,7 +421,9 @@ class _Painter:
                 self._canvas[box] += light
                 boxes.append(box)
             sprite = self._stage.sprites[picture.stand.k]
-            halo = draw_halo(sprite, picture.stand, shares)
+            contact = contacts.get(picture.stand.k)
+            contact_share = 0.0 if contact is None else contact.share
+            halo = draw_halo(sprite, picture.stand, shares, contact_share)
             if halo is not None:
                 self._shadows.add_border(self._canvas, *halo)
                 boxes.append(halo[0])
@@ -429,15 +436,22 @@ class _Painter:
         halos = []
         for picture in pictures:
             sprite = self._stage.sprites[picture.stand.k]
-            halo = draw_foot_halo(sprite, picture.stand, self.size)
+            contact = self._shadows.contacts.get(picture.stand.k)
+            contact_share = 0.0 if contact is None else contact.share
+            halo = draw_foot_halo(sprite, picture.stand, self.size, contact_share)
             if halo is not None:
                 halos.append(halo)
         # All shade comes first: it dims the ground, not the light of others.
+        boxes = []
+        for shadow in self._shadows.contacts.values():
+            self._canvas[shadow.box] *= shadow.factor
+            boxes.append(shadow.box)
         for box, factor, _ in halos:
             self._canvas[box] *= factor
         for box, _, light in halos:
             self._canvas[box] += light
-        return [box for box, _, _ in halos]
+            boxes.append(box)
+        return boxes
 
     def _paint_objects(
         self,
@@ -494,6 +508,8 @@ class _Shadows:
         )
         self._dark = None if background.dark is None else background.dark.copy()
         self._shaded: list[Slices] = []
+        self.contacts: dict[int, ContactShadow] = {}
+        """Shade at the base of each object that rocks in the last frame."""
 
     def throw(
         self,
@@ -521,6 +537,7 @@ class _Shadows:
         for box in self._shaded + background_boxes:
             darkness[box] = base_darkness[box]
         figures = _figures(self._stage, pictures)
+        self.contacts = _contact_shadows(background, stands, figures)
         boxes = self._add_shadows(darkness, background, stands, figures, trails)
         shaded_tiles = touched_tiles(boxes, size)
         self._shaded = boxes_of_tiles(shaded_tiles, size)
@@ -575,6 +592,23 @@ class _Shadows:
         if self._dark is not None and self._lit is not None:
             rest = relit_border(rest, self._lit, self._dark, box)
         canvas[box] += rest
+
+
+def _contact_shadows(
+    background: LitBackground,
+    stands: Sequence[SpritePose],
+    figures: Mapping[int, Silhouette],
+) -> dict[int, ContactShadow]:
+    """Return the shade at the base of each object that rocks."""
+    contacts = {}
+    for stand in stands:
+        figure = figures.get(stand.k)
+        if stand.start == stand.pose or figure is None:
+            continue
+        contact = background.contact_shade(stand.k, figure, stand.start, stand.pose)
+        if contact is not None:
+            contacts[stand.k] = contact
+    return contacts
 
 
 def _moved_figure(

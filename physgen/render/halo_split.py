@@ -86,6 +86,9 @@ def _add_moving_halos(
         whole_shade = total_shade[part.box]
         shade = np.asarray(share * whole_shade, np.float32)
         foot_halo = FootHalo(part.corner, part.light, shade, starts[k].ends, part.side)
+        if part.darkness is not None:
+            weight = np.asarray(share[..., 0] * part.weight, np.float32)
+            foot_halo = replace(foot_halo, weight=weight, darkness=part.darkness)
         # The halo keeps what shade and light do not explain: frame 0 is the photo.
         removed_light = background[part.box] * (1 - np.exp(-whole_shade)) * share
         corner, whole_halo, neighbours = sprite_halo
@@ -113,6 +116,9 @@ class _Moving:
     """-log of the share of the background's light that is left, (h, w, 3)."""
     side: float
     """Smaller side of the object, px."""
+    darkness: F32 | None = None
+    """-log of the share of full light in the photo, (h, w, 3); None of a mirror
+    image."""
 
     @property
     def box(self) -> Slices:
@@ -154,13 +160,16 @@ def _moving_part(
     weight = np.asarray(weight[window], np.float32)
     blur = _GroundBlur(sprite.halo_reach[window], sigma)
     light, shade = np.zeros_like(halo[window]), np.zeros_like(halo[window])
+    darkness = None
     if is_mirror:
         light = _carried_light(halo[window], near[window], blur) * weight[..., None]
     else:
         box = _box_at(corner, weight)
         ground = _Ground(ground.background[box], ground.plate[box])
-        shade = _carried_shade(halo[window], ground, blur) * weight[..., None]
-    return _Moving(corner, window, light, weight, shade, side)
+        seen_light, full_light = _blurred_lights(halo[window], ground, blur)
+        darkness = _channel_darkness(seen_light, full_light)
+        shade = _carried_shade(seen_light, full_light, ground) * weight[..., None]
+    return _Moving(corner, window, light, weight, shade, side, darkness)
 
 
 def _floor_columns(left: int, width: int, ends: tuple[float, float]) -> Mask:
@@ -218,12 +227,9 @@ class _GroundBlur:
         return np.asarray(blurred_picture * self.gain[..., None], np.float32)
 
 
-def _carried_shade(halo: F32, ground: _Ground, blur: _GroundBlur) -> F32:
-    """Return -log of the share of the background's light that an object leaves on its
-    floor, (h, w, 3).
-
-    The shade of the photo is the quotient of two blurred pictures, photo and ground in
-    full light. The part of it that is drawn as a shadow is left out.
+def _blurred_lights(halo: F32, ground: _Ground, blur: _GroundBlur) -> tuple[F32, F32]:
+    """Return the light of the photo and of its ground in full light, (h, w, 3), both
+    without the grain of the ground.
     """
     photo = ground.background + halo
     # Detail that is dark all over is a rim that the mask lacks; other detail is the
@@ -232,11 +238,29 @@ def _carried_shade(halo: F32, ground: _Ground, blur: _GroundBlur) -> F32:
     share = (_rim_share(halo, blur) * blur.known)[..., None]
     seen_light = share * photo + (1 - share) * blur.blur_below(photo)
     full_light = share * ground.plate + (1 - share) * blur.blur_below(ground.plate)
+    return seen_light, full_light
+
+
+def _carried_shade(seen_light: F32, full_light: F32, ground: _Ground) -> F32:
+    """Return -log of the share of the background's light that an object leaves on its
+    floor, (h, w, 3).
+
+    The shade of the photo is the quotient of two blurred pictures, photo and ground in
+    full light. The part of it that is drawn as a shadow is left out.
+    """
     drawn_shade = _relative_darkness(ground.background, ground.plate)
     shade = _relative_darkness(seen_light, full_light) - drawn_shade
     # The drawn shadow is not brightened: it changes on its way, and would glow.
     shade = np.clip(shade, 0, FOOT_HALO.deepest)
     return np.repeat(shade[..., None], 3, axis=2)
+
+
+def _channel_darkness(light: F32, full_light: F32) -> F32:
+    """Return -log of the share of each channel that is left, (h, w, 3), at least 0."""
+    least = np.float32(FOOT_HALO.darkest)
+    ratio = np.maximum(full_light, least) / np.maximum(light, least)
+    darkness = np.clip(np.log(ratio), 0, FOOT_HALO.deepest)
+    return np.asarray(darkness, np.float32)
 
 
 def _relative_darkness(light: F32, full_light: F32) -> F32:

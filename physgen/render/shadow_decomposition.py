@@ -35,6 +35,11 @@ from physgen.geometry.shadows import (
 from physgen.maps import U8
 from physgen.perceive.inpaint.poisson import harmonic_fill
 from physgen.photometry import decode, luminance
+from physgen.render.standing_shade import (
+    BaseMotion,
+    StandingShade,
+    measure_base_motion,
+)
 
 
 @dataclass(frozen=True)
@@ -134,6 +139,33 @@ class CastShadow:
     """Additional displacement of a sliding shadow per px of its object: by a
     near lamp.
     """
+    contact: StandingShade | None = None
+    """Part of `picture` at the base of an object that may rock on its floor; None for
+    other objects."""
+    beyond_contact: tuple[PixelBox, F32] | None = None
+    """Part of `picture` beyond `contact`."""
+
+    def base_motion(
+        self, silhouette: Silhouette, start: Pose, pose: Pose
+    ) -> BaseMotion | None:
+        """Return the motion of the base of an object that may rock; None of others."""
+        floor, start_floor = silhouette.floor, self.start.floor
+        if self.contact is None or floor is None or start_floor is None:
+            return None
+        climb = floor - start_floor
+        return measure_base_motion(self.contact.points, start, pose, climb)
+
+
+@dataclass(frozen=True)
+class ContactShadow:
+    """Shade at the base of an object that rocks."""
+
+    box: tuple[slice, slice]
+    """Rows and columns of the canvas."""
+    factor: F32
+    """Remaining share of light, (h, w, 3)."""
+    share: float
+    """Share of the object's shade that is drawn by the lift of its base."""
 
 
 @dataclass(frozen=True)
@@ -205,6 +237,91 @@ class LitBackground:
             return []
         if not self.has_clean_plate:
             return self._late_shadow(cast, silhouette, start, pose)
+        shadows, share = self._rocking_shadow(cast, silhouette, start, pose)
+        if share == 1:
+            return shadows
+        remaining_share = np.float32(1 - share)
+        for box, picture in self._leaving_shadow(cast, silhouette, start, pose):
+            if share > 0:
+                picture = remaining_share * picture
+            shadows.append((box, picture))
+        return shadows
+
+    def contact_shade(
+        self, k: int, silhouette: Silhouette, start: Pose, pose: Pose
+    ) -> ContactShadow | None:
+        """Return the shade at the base of object k if the object rocks; else None."""
+        cast = self.casts[k]
+        motion = cast.base_motion(silhouette, start, pose)
+        if cast.contact is None or motion is None:
+            return None
+        share = motion.rocking_share(cast.contact.side)
+        if share <= LEAST_STRENGTH:
+            return None
+        shade = cast.contact.draw(motion, self.setting.size, silhouette.ends)
+        if shade is None:
+            return None
+        (x0, y0, x1, y1), factor = shade
+        if share < 1:
+            factor = np.power(factor, np.float32(share))
+        return ContactShadow(np.s_[y0:y1, x0:x1], factor, share)
+
+    def _rocking_shadow(
+        self, cast: CastShadow, silhouette: Silhouette, start: Pose, pose: Pose
+    ) -> tuple[list[tuple[PixelBox, F32]], float]:
+        """Return the photo's shade of an object that rocks, times its share, without
+        that at its base, and the share.
+        """
+        motion = cast.base_motion(silhouette, start, pose)
+        if cast.contact is None or motion is None:
+            return [], 0.0
+        share = motion.rocking_share(cast.contact.side)
+        if share <= LEAST_STRENGTH:
+            return [], 0.0
+        if cast.beyond_contact is None:
+            return [], share
+        (x0, y0, _, _), picture = cast.beyond_contact
+        size = self.setting.size
+        box, moved_picture = shifted_picture(picture, (x0, y0), motion.shift, size)
+        if box is None:
+            return [], share
+        moved_picture *= self._floor_shares(cast, silhouette, box, motion.shift)
+        return [(box, moved_picture * np.float32(share))], share
+
+    def _floor_shares(
+        self,
+        cast: CastShadow,
+        silhouette: Silhouette,
+        box: PixelBox,
+        shift: tuple[float, float],
+    ) -> F32:
+        """Return the share (h, w) of a box that gets the shade of an object.
+
+        Light behind the floor has no shade, apart from shade that is beyond the floor
+        in the photo.
+        """
+        if cast.start.floor is None or np.isfinite(self.setting.backdrop):
+            return np.ones((box[3] - box[1], box[2] - box[0]), np.float32)
+        floor = cast.start.floor + shift[1]
+        shares = floor_share(silhouette.ends, self.setting, box, floor)
+        near_share = _near_share(self.setting, box, floor)
+        if self.setting.light.is_soft:
+            shares *= near_share
+        if cast.share_beyond is not None:
+            (x0, y0, _, _), _ = cast.residual
+            beyond_box, shares_beyond = shifted_picture(
+                cast.share_beyond, (x0, y0), shift, self.setting.size
+            )
+            if beyond_box is not None:
+                _raise_to(shares, box, shares_beyond, beyond_box)
+        if not self.setting.light.is_soft:
+            shares *= near_share
+        return shares
+
+    def _leaving_shadow(
+        self, cast: CastShadow, silhouette: Silhouette, start: Pose, pose: Pose
+    ) -> list[tuple[PixelBox, F32]]:
+        """Return the shadow of an object that leaves its place in the photo."""
         turn = pose.angle - start.angle
         # Near its start, an object keeps the photo's shadow; farther away, it gets the
         # predicted one, together with the unexplained part of the photo's.
@@ -356,6 +473,18 @@ def _photo_share(cast: CastShadow, start: Pose, pose: Pose) -> np.float32:
     if share >= SHADOW.full_share:
         return np.float32(1)
     return np.float32(share if share > LEAST_STRENGTH else 0)
+
+
+def _raise_to(values: F32, box: PixelBox, least: F32, least_box: PixelBox) -> None:
+    """Raise values (h, w) in a box to at least those of another box, in place."""
+    x0, y0 = max(box[0], least_box[0]), max(box[1], least_box[1])
+    x1, y1 = min(box[2], least_box[2]), min(box[3], least_box[3])
+    if x0 >= x1 or y0 >= y1:
+        return
+    part = values[y0 - box[1] : y1 - box[1], x0 - box[0] : x1 - box[0]]
+    x0, x1 = x0 - least_box[0], x1 - least_box[0]
+    y0, y1 = y0 - least_box[1], y1 - least_box[1]
+    np.maximum(part, least[y0:y1, x0:x1], out=part)
 
 
 def _departure(silhouette: Silhouette, start: Pose, pose: Pose) -> np.float32:
@@ -659,11 +788,11 @@ def _cast(
     """Return an object's shadow at t = 0: the prediction, and the photo's part beyond
     it.
     """
-    residual = _crop_to_visible(*residual)
+    residual = crop_to_visible(*residual)
     is_sliding = setting.top and is_round and first is not None
     geometry = unbounded_shadow(start, setting, step) if is_sliding else first
     parts = [residual] if geometry is None else [geometry, residual]
-    (x, y, *_), whole_picture = _crop_to_visible(*joined_pictures(parts))
+    (x, y, *_), whole_picture = crop_to_visible(*joined_pictures(parts))
     box, visible = shifted_picture(whole_picture, (x, y), (0.0, 0.0), setting.size)
     visible_shadow = None if box is None else (box, visible)
     # An object far outside the photo has no visible shadow.
@@ -759,7 +888,7 @@ def unbounded_shadow(
     return (x0 - margin, y0 - margin, x1 - margin, y1 - margin), darkness
 
 
-def _crop_to_visible(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
+def crop_to_visible(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
     """Crop a picture to its visible part, with a smooth fade at its border."""
     is_visible = np.abs(picture) > SHADOW.least_darkness
     rows = np.flatnonzero(is_visible.any(axis=1))

@@ -296,12 +296,13 @@ def _moved_px(sprite: Sprite, stand: SpritePose) -> float:
 
 
 def draw_halo(
-    sprite: Sprite, stand: SpritePose, shares: F32
+    sprite: Sprite, stand: SpritePose, shares: F32, contact_share: float = 0.0
 ) -> tuple[Slices, F32] | None:
     """Draw the visible share of `Sprite.halo`: a box and (h, w, 3); None without any.
 
     `shares`: those of `halos_left`. A rim that the mask left out at the outline fades
     within as many px of motion as it is wide; soft shade farther out fades later.
+    `contact_share`: share of a shade at the base that contains the halo on the floor.
     """
     own_share = shares[sprite.body + 1]
     if sprite.halo is None or stand.placement is None or own_share < FAINT:
@@ -317,21 +318,44 @@ def draw_halo(
         width_px = sprite.halo_reach + np.float32(FADE)
         rims = np.exp(-np.square(np.float32(moved) / width_px))
         pixel_shares = np.minimum(pixel_shares, rims)
+    if contact_share > 0:
+        pixel_shares = np.minimum(pixel_shares, _halo_share(sprite, contact_share))
     return box, picture * three_channels(pixel_shares)
 
 
+def _halo_share(sprite: Sprite, contact_share: float) -> F32:
+    """Return the share (h, w) of a halo that a contact shade does not contain."""
+    assert sprite.halo is not None
+    (x, y), picture, _ = sprite.halo
+    shares = np.ones(picture.shape[:2], np.float32)
+    foot_halo = sprite.foot_halo
+    if foot_halo is None or foot_halo.weight is None:
+        return shares
+    left, top = foot_halo.corner[0] - x, foot_halo.corner[1] - y
+    height, width = foot_halo.weight.shape
+    weight = np.float32(contact_share) * foot_halo.weight
+    shares[top : top + height, left : left + width] -= weight
+    return shares
+
+
 def draw_foot_halo(
-    sprite: Sprite, stand: SpritePose, size: tuple[int, int]
+    sprite: Sprite,
+    stand: SpritePose,
+    size: tuple[int, int],
+    contact_share: float = 0.0,
 ) -> tuple[Slices, F32, F32] | None:
     """Draw the part of a halo that moves with its object on a canvas of `size` (W, H):
     a box, a factor and added light (h, w, 3); None without any.
+
+    `contact_share`: share of a shade at the base that contains the halo's shade.
     """
     if sprite.foot_halo is None or stand.placement is None:
         return None
     turn = stand.pose.angle - stand.start.angle
     if sprite.ball is not None:
         turn = 0.0  # the picture of a ball never turns
-    return sprite.foot_halo.draw(stand.start, stand.pose, turn, size)
+    share = 1.0 if sprite.foot_halo.darkness is None else 1.0 - contact_share
+    return sprite.foot_halo.draw(stand.start, stand.pose, turn, size, share)
 
 
 def sprite_coverage(sprite: Sprite, placement: Placement) -> F32:

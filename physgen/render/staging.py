@@ -24,6 +24,7 @@ from physgen.photometry import DistantLight, decode
 from physgen.render.ball_parts import is_lump, split_balls
 from physgen.render.box_faces import with_closed_faces
 from physgen.render.contact_shade import contact_depth
+from physgen.render.contact_shades import add_contact_shades
 from physgen.render.floor_mirror import floor_mirror
 from physgen.render.floors import floors, shadows_pass_below
 from physgen.render.front_faces import add_front_face
@@ -283,6 +284,8 @@ def _stage_with_shadows(
             is_mirror=plates.has_mirror_images,
             plate=None if plates.clean is None else lit_background.plate,
         )
+    if not setting.top and plates.clean is not None:
+        lit_background = add_contact_shades(lit_background, sprites)
     return Stage(
         plates.background,
         continue_soft_rims(sprites, behind),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil, hypot, radians
+from math import ceil, hypot, radians, sqrt
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from physgen.render.camera import Shot
 from physgen.render.shadow_decomposition import CastShadow
 from physgen.render.sprites import MARGIN, Sprite
 from physgen.render.stage import ShadowBody, Stage
-from physgen.scene.scene import Motion, Striker, View
+from physgen.scene.scene import Load, Motion, Striker, View
 from physgen.simulate.trajectory import Trajectory
 
 
@@ -112,6 +112,8 @@ class StrikerTuning:
     """Frames in which it leaves."""
     slows: float = 2.2
     """Power with which the way that is left shrinks as it comes."""
+    hit_share: float = 0.5
+    """Share of its way that it comes at the speed of the hit, at most."""
     crease: float = 0.12
     """Depth of a crease, and ..."""
     crease_width: float = 0.9
@@ -139,14 +141,24 @@ class _Way:
 
     body: int
     """It pushes."""
+    ramp: float
+    """s during which it stays with the body."""
+    speed: float
+    """px/s at which it hits; 0 if the body gains its speed during the ramp."""
     arm: F64
     """(2,) from the body's centre to the middle of the round tip at t = 0."""
     axis: F64
     """(2,) unit, from the tip along the striker."""
-    distance: float
-    """Along the axis, from where it touches to where it is out of sight."""
+    size: tuple[int, int]
+    """Width and height of the picture, px."""
+    clearance: float
+    """px along the axis by which it must leave the picture to be out of sight."""
     scale: float
     """px a mm of its form."""
+
+    def distance(self, place: F64) -> float:
+        """Return px along the axis, from a place (2,) of the tip to out of sight."""
+        return _exit(place, self.axis, self.size) + self.clearance
 
     def place(self, pose: F64, side: float) -> F64:
         """Return (2,) px of the middle of the tip, by the pose (3,) of the body."""
@@ -179,13 +191,13 @@ def with_strikers(
     fine, parts = exposure
     form = FORMS[kind]
     ways = []
-    for k, body in enumerate(world.bodies):
-        if body.motion is Motion.DYNAMIC and body.velocity.any():
-            ways.append(_way(stage, world, k, form, fine.poses[parts - 1, k]))
+    for strike in find_strikes(world):
+        pose = fine.poses[parts - 1, strike.body]
+        ways.append(_way(stage, world, strike, form, pose))
     if not ways or stage.scale != 1.0 or len(fine.times) < 2 * parts:
         return None
     longer = _with_hold(fine, parts, hold)
-    tracks = [_track(way, world.bodies[way.body], longer, parts, hold) for way in ways]
+    tracks = [_track(way, longer, parts, hold) for way in ways]
     return StruckScene(
         _with_sprites(stage, form, ways, tracks, fine),
         _with_bodies(longer, tracks),
@@ -193,15 +205,54 @@ def with_strikers(
     )
 
 
+@dataclass(frozen=True)
+class Strike:
+    """A push at t = 0 whose cause a striker shows."""
+
+    body: int
+    """Index into `World.bodies`."""
+    velocity: F64
+    """(2,) px/s of the centre of mass by the push alone."""
+    point: F64 | None = None
+    """(2,) px of action in the body's frame; None: the centre of mass."""
+    ramp: float = 0.0
+    """s until the body has this velocity."""
+
+
+def find_strikes(world: World) -> list[Strike]:
+    """Return the pushes by which dynamic bodies start.
+
+    Of bodies that joints hold together, only the heaviest pushed one is struck.
+    """
+    strikes: dict[int, Strike] = {}
+    for push in world.pushes:
+        body = world.bodies[push.body]
+        if push.load is Load.IMPULSE and push.start == 0 and push.vector.any():
+            velocity = push.vector / body.mass
+            strikes.setdefault(push.body, Strike(push.body, velocity, push.point))
+    for k, body in enumerate(world.bodies):
+        if body.velocity.any():
+            strikes[k] = Strike(k, body.velocity, ramp=body.ramp)
+    for k in list(strikes):
+        if world.bodies[k].motion is not Motion.DYNAMIC:
+            del strikes[k]
+    for joint in world.joints:
+        pair = (joint.first, joint.second)
+        if pair[0] in strikes and pair[1] in strikes:
+            del strikes[min(pair, key=lambda k: world.bodies[k].mass)]
+    return list(strikes.values())
+
+
 def _longer_order(order: Sequence[int], hold: int) -> tuple[int, ...]:
     """Return the playing order with frames of the hold before the others."""
     return (*range(hold), *(sample + hold for sample in order))
 
 
-def _way(stage: Stage, world: World, k: int, form: Form, pose: F64) -> _Way:
+def _way(stage: Stage, world: World, strike: Strike, form: Form, pose: F64) -> _Way:
     """Return the way of the striker that pushes a body."""
-    body = world.bodies[k]
-    push = body.velocity / hypot(*body.velocity)
+    body = world.bodies[strike.body]
+    speed = hypot(*strike.velocity)
+    push = strike.velocity / speed
     axis = -push
     if world.view is View.SIDE:
         # From above: the floor is below.
@@ -213,26 +264,30 @@ def _way(stage: Stage, world: World, k: int, form: Form, pose: F64) -> _Way:
         STRIKER.largest_radius_share * body.reach,
     )
     radius = max(radius, STRIKER.least_radius)
-    arm = _rim(body, float(pose[2]), -push) - radius * push
+    arm = _rim(body, float(pose[2]), -push, strike.point) - radius * push
     scale = radius / form.tip
-    middle = pose[:2] + arm
     height, width = stage.background.shape[:2]
-    distance = (
-        _exit(middle, axis, (width, height)) + 2 * form.largest_radius * scale + MARGIN
-    )
+    clearance = 2 * form.largest_radius * scale + MARGIN
     arm = rotation(-float(pose[2])) @ arm
-    return _Way(k, arm, axis, distance, scale)
+    hit_speed = 0.0 if strike.ramp else speed
+    size = (width, height)
+    return _Way(strike.body, strike.ramp, hit_speed, arm, axis, size, clearance, scale)
 
 
-def _rim(body: Body, angle: float, direction: F64) -> F64:
-    """Return (2,) px from the centre to a body's outline in a direction."""
-    if body.radius is not None:
-        return body.radius * direction
+def _rim(body: Body, angle: float, direction: F64, point: F64 | None = None) -> F64:
+    """Return (2,) px from the centre to a body's outline in a direction.
+
+    With a `point` (2,) in the body's frame, the line runs through that point.
+    """
     turn = rotation(angle)
+    offset = np.zeros(2) if point is None else turn @ point
     across = np.array([-direction[1], direction[0]])
+    if body.radius is not None:
+        half_chord = sqrt(max(body.radius**2 - float(offset @ across) ** 2, 0.0))
+        return offset + (half_chord - float(offset @ direction)) * direction
     reach = 0.0
     for ring in body.rings:
-        corners = ring @ turn.T
+        corners = ring @ turn.T - offset
         along, side = corners @ direction, corners @ across
         next_along = np.roll(along, -1)
         next_side = np.roll(side, -1)
@@ -240,7 +295,7 @@ def _rim(body: Body, angle: float, direction: F64) -> F64:
         share = side[crosses] / (side[crosses] - next_side[crosses])
         places = along[crosses] + share * (next_along[crosses] - along[crosses])
         reach = max(reach, float(places.max(initial=0.0)))
-    return reach * direction
+    return offset + reach * direction
 
 
 def _exit(place: F64, axis: F64, size: tuple[int, int]) -> float:
@@ -275,21 +330,23 @@ def _with_hold(fine_motion: Trajectory, parts: int, hold: int) -> Trajectory:
     )
 
 
-def _track(way: _Way, body: Body, longer: Trajectory, parts: int, hold: int) -> F64:
+def _track(way: _Way, longer: Trajectory, parts: int, hold: int) -> F64:
     """Return (T, 2) px of the middle of the tip at all samples."""
     times = longer.times
     frame_time = float(times[-1] - times[-1 - parts])
-    pushed = max(body.ramp / frame_time, 1.0)
+    pushed = max(way.ramp / frame_time, 1.0)
     end = min(parts * (hold + 1 + ceil(pushed)), len(times)) - 1
-    travel = longer.poses[end, way.body, :2] - longer.poses[0, way.body, :2]
-    back = way.distance + hypot(*travel)
+    come = way.distance(way.place(longer.poses[0, way.body], 0.0))
+    back = way.distance(way.place(longer.poses[end, way.body], 0.0))
     track = np.zeros((len(times), 2))
+    # Part of its way, px, that it comes at the speed of the hit.
+    hit = min(way.speed * frame_time * hold, STRIKER.hit_share * come)
     for sample, pose in enumerate(longer.poses[:, way.body]):
         # Frames since the push began.
         number = (sample + 1) / parts - 1 - hold
         if number <= 0:
-            left = -number / max(hold, 1)
-            away = way.distance * min(left, 1.0) ** STRIKER.slows
+            left = min(-number / max(hold, 1), 1.0)
+            away = (come - hit) * left**STRIKER.slows + hit * left
         else:
             gone = max(number - pushed, 0.0) / STRIKER.back
             away = back * min(gone, 1.0) ** STRIKER.slows

@@ -160,7 +160,7 @@ def report_page(
         title=scene.title or scene.name,
         size=(width, height),
         video_size=scene.video_size,
-        frames=len(record.frames or record.unrefined),
+        frames=len(record.frames or record.unrefined_frames),
         hold=record.video.get("hold", 0),
         fps=scene.render.fps,
         duration=world.duration,
@@ -354,9 +354,9 @@ def provenance(
     facts += [] if record.variant is None else [("variant", record.variant)]
     digest = hashlib.sha256("\n".join(record.frames).encode()).hexdigest()
     return {
-        "command": shlex.join(record.alone or record.command),
+        "command": shlex.join(record.clip_command or record.command),
         "run": shlex.join(record.command)
-        if record.alone not in ([], record.command)
+        if record.clip_command not in ([], record.command)
         else "",
         "texts": texts,
         "facts": facts,

@@ -279,7 +279,7 @@ class Row:
     kind: str
     """`dynamic`, `static`, `scripted` or `boundary`."""
     cells: Mapping[str, Cell]
-    also: str
+    other_sources: str
     """Sources of other keys."""
     names: tuple[str, ...] = ()
     """Objects of a merged row."""
@@ -380,7 +380,9 @@ def merge_equal_rows(rows: Sequence[Row]) -> list[Row]:
                     else cell.source,
                 )
             )
-        equal_rows.setdefault((row.label, row.kind, row.also, *cells), []).append(row)
+        equal_rows.setdefault(
+            (row.label, row.kind, row.other_sources, *cells), []
+        ).append(row)
     return [
         rows[0] if len(rows) == 1 else _merge_rows(rows) for rows in equal_rows.values()
     ]
@@ -448,12 +450,12 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
         cells = {
             key: value for key, value in cells.items() if key not in ("mass", "moment")
         }
-    also = "; ".join(
+    other_sources = "; ".join(
         f"{key}: {source}"
         for key, source in item.provenance.items()
         if key not in cells
     )
-    return Row(item.name, item.label, item.motion.value, cells, also)
+    return Row(item.name, item.label, item.motion.value, cells, other_sources)
 
 
 def _metric_pair(vector: Array) -> str:

@@ -50,7 +50,7 @@ class RunRecord:
     scene: str
     command: list[str]
     # The command for this clip only.
-    alone: list[str] = field(default_factory=list)
+    clip_command: list[str] = field(default_factory=list)
     source: str = ""
     """Path of the scene file, relative to the clip's folder."""
     # Path relative to the scene's folder -> SHA-256.
@@ -87,7 +87,7 @@ class RunRecord:
     """
     mark: str = ""
     """Hash of all options of the clip; see `batch.resume`."""
-    unrefined: list[str] = field(default_factory=list)
+    unrefined_frames: list[str] = field(default_factory=list)
     """SHA-256 of each frame's RGB bytes before refinement; empty without refinement."""
 
     @contextmanager
@@ -129,7 +129,7 @@ class RunRecord:
             "files": self.files,
             "samples": self.samples,
             "frames": self.frames,
-            "unrefined": self.unrefined,
+            "unrefined": self.unrefined_frames,
             "document": self.document,
         }
 

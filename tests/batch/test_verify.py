@@ -128,7 +128,7 @@ def test_a_clip_is_equal_to_itself_and_left_alone(desk: Path) -> None:
     before = state(desk)
     found = judged(desk)
     assert found.outcome is Outcome.EQUAL
-    assert (found.motion, found.pictures, found.changed, found.damaged) == (
+    assert (found.motion, found.pictures, found.input_changes, found.file_changes) == (
         None,
         None,
         (),
@@ -159,7 +159,7 @@ def test_a_mass_names_the_first_sample_and_those_who_touched(desk: Path) -> None
     )
     begin = float(old.contacts.touch_times[touch, 0])
     assert found.outcome is Outcome.DIFFERS
-    assert found.changed == ("scene.yaml has changed",)
+    assert found.input_changes == ("scene.yaml has changed",)
     motion = found.motion
     assert motion is not None
     assert motion.sample == first > 1
@@ -201,7 +201,7 @@ def test_damage_is_told_and_what_the_scene_makes_is_still_compared(desk: Path) -
     (desk / "out" / "desk" / "frames" / "00000.png").unlink()
     found = judged(desk)
     assert found.outcome is Outcome.DIFFERS
-    assert found.damaged == (
+    assert found.file_changes == (
         "frames/00000.png is missing",
         "video.mp4 is not as it was written",
     )
@@ -247,7 +247,7 @@ def test_likely_causes_are_told(desk: Path) -> None:
     rewrite(desk, lambda told: told["versions"].update(numpy="1.0"))
     rewrite(desk, lambda told: told["platform"].update(machine="abacus"))
     found = judged(desk)
-    assert found.changed == (
+    assert found.input_changes == (
         "photo.png has changed",
         "photo.assets/background.png has changed",
     )
@@ -314,7 +314,7 @@ def test_a_manifest_of_nonsense_does_no_harm(desk: Path) -> None:
         ),
     )
     found = judged(desk)
-    assert found.damaged == (
+    assert found.file_changes == (
         "../../scene.yaml is not a file of the clip",
         "/etc/passwd is not a file of the clip",
     )

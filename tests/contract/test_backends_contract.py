@@ -209,10 +209,14 @@ def check_shadow(run, rgb, labels, things):
         assert 0 <= found.softness <= 60
         assert 0 <= found.tilt <= 60
         assert np.linalg.norm(found.light.direction) == pytest.approx(1)
-        assert found.clean is None or (
-            found.clean.shape == rgb.shape and found.clean.dtype == np.uint8
+        assert found.clean_background is None or (
+            found.clean_background.shape == rgb.shape
+            and found.clean_background.dtype == np.uint8
         )
-        assert run(rgb, coverage, labels, [], matter, setting, light).clean is None
+        assert (
+            run(rgb, coverage, labels, [], matter, setting, light).clean_background
+            is None
+        )
 
 
 def maps(rgb, labels):

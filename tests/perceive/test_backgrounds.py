@@ -47,13 +47,14 @@ def test_shadow_of_a_large_photo_is_lifted_as_at_reduced_size() -> None:
     assert restored.backdrop == pytest.approx(25.0)
     assert restored.owners is not None
     assert restored.owners.shape == photo.shape[:2]
-    assert restored.clean is not None
+    assert restored.clean_background is not None
     before, after = (
-        np.abs(one.astype(float) - truth).mean() for one in (photo, restored.clean)
+        np.abs(one.astype(float) - truth).mean()
+        for one in (photo, restored.clean_background)
     )
     assert after < 0.1 * before
     is_lit = left[..., 0] > 0.999
-    assert np.abs(restored.clean.astype(int) - photo)[is_lit].max() <= 2
+    assert np.abs(restored.clean_background.astype(int) - photo)[is_lit].max() <= 2
 
 
 def test_small_photo_is_not_reduced() -> None:
@@ -85,11 +86,11 @@ def test_both_backgrounds_come_from_one_fill(width: int) -> None:
 
     backgrounds = fill_backgrounds(around, found(lifted), inpaint)
     assert len(calls) == 1
-    assert backgrounds.clean is not None
-    assert np.array_equal(backgrounds.shaded[~around.hole], photo[~around.hole])
+    assert backgrounds.clean_picture is not None
+    assert np.array_equal(backgrounds.shaded_picture[~around.hole], photo[~around.hole])
     for picture, truth in (
-        (backgrounds.clean, lit),
-        (backgrounds.shaded, lit * left),
+        (backgrounds.clean_picture, lit),
+        (backgrounds.shaded_picture, lit * left),
     ):
         light = decode(picture)[disc].mean(axis=0)
         assert light == pytest.approx(truth[disc].mean(axis=0), rel=0.08)

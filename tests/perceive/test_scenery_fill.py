@@ -49,10 +49,10 @@ def test_place_of_a_cup_is_filled_with_its_bench():
     filled = fill_before_scenery(around, scenery, NO_SHADOWS, _row_mean)
     together = fill_backgrounds(around, NO_SHADOWS, _row_mean)
     place = np.s_[78:86, 66:94]
-    assert np.abs(filled.shaded[place].astype(int) - 60).max() < 8
-    assert np.abs(together.shaded[place].astype(int) - 60).min() > 8
+    assert np.abs(filled.shaded_picture[place].astype(int) - 60).max() < 8
+    assert np.abs(together.shaded_picture[place].astype(int) - 60).min() > 8
     wall = np.s_[54:62, 66:94]
-    assert np.abs(filled.shaded[wall].astype(int) - 200).max() < 8
+    assert np.abs(filled.shaded_picture[wall].astype(int) - 200).max() < 8
 
 
 def test_place_of_a_cup_that_throws_a_shadow_shows_its_bench():
@@ -66,14 +66,14 @@ def test_place_of_a_cup_that_throws_a_shadow_shows_its_bench():
     scenery = nearest_labels(labels, [2]) & (coverage > 0)
     around = find_surroundings(photo, coverage)
     clean = np.where(coverage[..., None] > 0, around.guess, lit)
-    shadows = replace(NO_SHADOWS, clean=clean)
+    shadows = replace(NO_SHADOWS, clean_background=clean)
     filled = fill_before_scenery(around, scenery, shadows, _row_mean)
     place = np.s_[72:78, 66:94]
-    assert filled.clean is not None
-    assert filled.shaded[place].max() < 100
-    assert filled.clean[100:, :150].min() > 190
+    assert filled.clean_picture is not None
+    assert filled.shaded_picture[place].max() < 100
+    assert filled.clean_picture[100:, :150].min() > 190
     is_open = np.s_[:40]
-    assert (filled.shaded[is_open] == photo[is_open]).all()
+    assert (filled.shaded_picture[is_open] == photo[is_open]).all()
 
 
 def test_scenery_far_from_all_objects_is_not_what_they_stand_on():
@@ -105,10 +105,10 @@ def test_reflections_of_scenery_stay_in_the_background():
     rgb = np.clip(photo, 0, 255).astype(np.uint8)
     coverage = (labels > 0).astype(np.float32)
     around = find_surroundings(rgb, coverage)
-    shadows = replace(NO_SHADOWS, clean=around.guess)
+    shadows = replace(NO_SHADOWS, clean_background=around.guess)
     run = SimpleNamespace(rgb=rgb, crew=_Crew())
     backgrounds = PerceptionRun.fill(run, around, shadows, labels, labels == 2)
-    kept = backgrounds.clean[155:235, 5:85].astype(int)
+    kept = backgrounds.clean_picture[155:235, 5:85].astype(int)
     assert np.abs(kept - rgb[155:235, 5:85]).max() <= 3
 
 

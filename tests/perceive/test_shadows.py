@@ -119,14 +119,15 @@ def test_a_block_shadow_on_the_floor_is_lifted(side) -> None:
     truth = srgb(room())
     background, labels, things = photo(shade, BLOCKS, room())
     found = lift(background, labels, things)
-    assert found.clean is not None
+    assert found.clean_background is not None
     assert found.backdrop is None
     x, y, z = found.light.direction
     assert -x / -y == pytest.approx(side * 1.3, abs=0.5)
     assert z > 0
     free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((7, 7), np.uint8)) == 0
     before, after = (
-        np.abs(p.astype(int) - truth).max(-1) for p in (background, found.clean)
+        np.abs(p.astype(int) - truth).max(-1)
+        for p in (background, found.clean_background)
     )
     dark = free & (shade > 0.2)
     assert before[dark].mean() > 30
@@ -155,8 +156,8 @@ def test_a_hole_in_a_shadow_is_filled_in_the_light() -> None:
     background[labels > 0] = 20
     background = inpaint(background, coverage > 0)
     found = lift(background, labels, things)
-    assert found.clean is not None
-    clean = refill_background(found.clean, background, coverage, inpaint)
+    assert found.clean_background is not None
+    clean = refill_background(found.clean_background, background, coverage, inpaint)
     hidden = (labels == 2) & (shade > 0.9)
     before, after = (
         np.abs(p.astype(int) - truth).mean(-1)[hidden].mean()
@@ -178,7 +179,7 @@ def test_dark_things_that_are_no_shadows_stay(what) -> None:
     background, labels, things = photo(
         np.zeros((HEIGHT, WIDTH), np.float32), BLOCKS, picture
     )
-    assert lift(background, labels, things).clean is None
+    assert lift(background, labels, things).clean_background is None
 
 
 def test_balls_before_a_wall_leave_no_shadows_on_it() -> None:
@@ -203,14 +204,14 @@ def test_balls_before_a_wall_leave_no_shadows_on_it() -> None:
     truth = srgb(room())
     background = srgb(room() * (1 - shade)[..., None])
     found = lift(background, labels, things, walls=())
-    assert found.clean is not None
+    assert found.clean_background is not None
     assert found.backdrop is not None
     assert found.light.direction[0] < -0.2
     assert found.light.direction[1] < -0.2
     free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((7, 7), np.uint8)) == 0
     before, after = (
         np.abs(p.astype(int) - truth).max(-1)[free & (shade > 0.2)].mean()
-        for p in (background, found.clean)
+        for p in (background, found.clean_background)
     )
     assert before > 30
     assert after < 6
@@ -274,9 +275,9 @@ def test_shadows_that_fan_out_under_a_near_lamp_leave_no_marks() -> None:
     found = lift(
         srgb(table * (1 - 0.78 * shade)[..., None]), labels, things, (), View.TOP
     )
-    assert found.clean is not None
+    assert found.clean_background is not None
     free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
-    left = (srgb(table).astype(int) - found.clean).mean(axis=2)[free]
+    left = (srgb(table).astype(int) - found.clean_background).mean(axis=2)[free]
     assert left.max() < 10
 
 
@@ -292,11 +293,11 @@ def test_from_above_a_shadow_goes_with_its_colour() -> None:
         (),
         View.TOP,
     )
-    assert found.clean is not None
+    assert found.clean_background is not None
     there = (shade > 0.9) & (
         cv2.dilate((labels > 0).astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
     )
-    assert abs(np.median(found.clean[there].astype(int) @ [1, 0, -1])) < 8
+    assert abs(np.median(found.clean_background[there].astype(int) @ [1, 0, -1])) < 8
 
 
 # soft light from all sides leaves it dark about feet and rims
@@ -344,13 +345,13 @@ def stones(
 
 def test_rims_of_stones_are_found_and_lifted() -> None:
     found, away, lit = stones(0.35)
-    assert found.clean is not None
-    assert found.faint, "little was lifted: the first fill is kept"
+    assert found.clean_background is not None
+    assert found.is_faint_shadow, "little was lifted: the first fill is kept"
     near = (away > 2) & (away < 8)
     before = np.abs(
         srgb(ice() * np.exp(-0.35 * np.exp(-away / 6))[..., None]).astype(int) - lit
     )[near].mean()
-    after = np.abs(found.clean.astype(int) - lit)[near].mean()
+    after = np.abs(found.clean_background.astype(int) - lit)[near].mean()
     assert after < 0.5 * before
     assert found.owners is not None
     told = found.owners > 0
@@ -360,12 +361,12 @@ def test_rims_of_stones_are_found_and_lifted() -> None:
 
 
 def test_no_rims_none_found() -> None:
-    assert stones(0.0)[0].clean is None
+    assert stones(0.0)[0].clean_background is None
     assert stones(0.0)[0].owners is None
 
 
 def test_dark_rings_that_lie_beside_the_stones_are_paint() -> None:
-    assert stones(0.35, moved=(0, -70))[0].clean is None
+    assert stones(0.35, moved=(0, -70))[0].clean_background is None
 
 
 def plank(dark: float) -> tuple[Shadows, np.ndarray]:
@@ -409,7 +410,7 @@ def test_it_is_dark_under_a_plank() -> None:
 
 def test_a_plank_in_the_light_throws_nothing() -> None:
     found, _ = plank(0.0)
-    assert found.clean is None
+    assert found.clean_background is None
     assert found.owners is None
 
 
@@ -561,7 +562,7 @@ def test_the_shade_of_a_shelf_stays_when_its_balls_leave() -> None:
         labels[np.hypot(x - cx, y - 217) <= 23.5] = k
         things.append(PhotoObject(k, Disc(np.array([cx, 217.0]), 23.5), "ball"))
     background = srgb(np.repeat((0.9 * board * (1 - shade))[..., None], 3, axis=2))
-    assert lift(background, labels, things).clean is None
+    assert lift(background, labels, things).clean_background is None
 
 
 def test_in_a_balls_shadow_less_of_the_sky_is_missed() -> None:

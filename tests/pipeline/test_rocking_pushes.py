@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from math import atan2, degrees
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,9 +17,9 @@ from physgen.compile.shapes import shapes_of
 from physgen.perceive.roles import PerceivedScene
 from physgen.pipeline.push_choice import round_ends
 from physgen.pipeline.push_motion import tipping_motion
-from physgen.pipeline.push_outcomes import TRIAL, Grade, TrialScene
-from physgen.pipeline.push_tips import SWAY
-from physgen.pipeline.push_trials import choose_push, compile_trials
+from physgen.pipeline.push_outcomes import TRIAL, Candidate, Grade, TrialScene
+from physgen.pipeline.push_tips import SWAY, Hand
+from physgen.pipeline.push_trials import choose_push, compile_trials, simulate_push
 from physgen.simulate.engine import simulate
 
 WIDTH, HEIGHT = 80, 70
@@ -85,6 +86,28 @@ def test_vehicles_and_held_objects_never_rock(tmp_path: Path, more: str) -> None
     trials = box_trials(tmp_path, f"[{WIDTH}, {HEIGHT}]", more)
     chosen = choose_push(trials, {}, {})
     assert chosen is None or not chosen.spin
+
+
+def first_tip(trials: TrialScene) -> float:
+    """Return the rotation, degrees, by the first push at the top of the box."""
+
+    def attempt(candidate: Candidate) -> Candidate:
+        push, spin = {"box": candidate.velocity}, {"box": candidate.spin}
+        outcome = simulate_push(trials, push, None, candidate.ramp, spin)
+        return replace(candidate, outcome=outcome)
+
+    hand = Hand(trials, trials.scene.objects[0], 1.0, is_vehicle=False)
+    return next(hand.tips(attempt)).outcome.turn
+
+
+def test_a_tip_lifts_no_side_too_high(tmp_path: Path) -> None:
+    narrow, wide = 60, 160
+    narrow_trials = box_trials(tmp_path, f"[{narrow}, 150]")
+    wide_trials = box_trials(tmp_path, f"[{wide}, 150]")
+    wide_turn = first_tip(wide_trials)
+    assert first_tip(narrow_trials) > 1.1 * wide_turn
+    lift = np.sin(np.radians(wide_turn)) * wide / wide_trials.side
+    assert lift == pytest.approx(SWAY.tip_lift, rel=0.15)
 
 
 def test_flat_object_slides(tmp_path: Path) -> None:

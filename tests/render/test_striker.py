@@ -11,6 +11,7 @@ from PIL import Image
 from physgen.compile.warnings import lint
 from physgen.pipeline.film import Film
 from physgen.pipeline.stages import Stages
+from physgen.render.striker import find_strikes
 from physgen.report.record import RunRecord
 
 SCENE = """physgen: 1
@@ -124,3 +125,51 @@ def test_hold_shows_the_photo_though_the_first_frame_is_blurred(
     assert np.abs(frames[0] - rgb).max() <= 2
     # The block's right side, which the finger does not reach.
     assert np.abs(frames[HOLD] - rgb)[60:110, 125:].max() > 30
+
+
+IMPULSE = "forces=[{object: block, impulse: [3.0e5, 0], at: [80, 70]}]"
+AT_REST = "objects.block.velocity=[0, 0]"
+
+
+def test_striker_touches_the_point_of_an_impulse(scene_file: Path) -> None:
+    film = _film(scene_file, "render.enter=stick", AT_REST, IMPULSE)
+    film.deliver()
+    motion = film.simulate_motion(lambda *_: None)
+    frames = film.deliver_frames(film.frames(motion), motion)
+    touch = list(frames)[HOLD].rgb.astype(int)
+    with Image.open(scene_file.with_name("photo.png")) as photo:
+        rgb = np.asarray(photo).astype(int)
+    left = np.abs(touch - rgb).max(axis=2)[:, 72:80].max(axis=1) > 30
+    rows = np.flatnonzero(left)
+    assert abs(rows.mean() - 70) <= 2
+    assert not [
+        problem
+        for problem in lint(film.scene, film.compiled)
+        if "enter" in str(problem)
+    ]
+
+
+JOINED = """  wheel: {mask: {polygon: [[85, 110], [105, 110], [105, 129], [85, 129]]}, velocity: [120, 0]}
+joints:
+  axle: {objects: [wheel, block], pivot: [95, 112]}
+"""
+
+
+def test_one_striker_pushes_joined_objects(scene_file: Path) -> None:
+    text = scene_file.read_text()
+    scene_file.write_text(text.replace("world:", JOINED + "world:"))
+    film = _film(scene_file, "render.enter=stick")
+    strikes = find_strikes(film.compiled.world)
+    assert [film.compiled.world.bodies[strike.body].name for strike in strikes] == [
+        "block"
+    ]
+
+
+def test_striker_leaves_the_picture_after_a_long_push(scene_file: Path) -> None:
+    film = _film(
+        scene_file, "render.enter=finger", "world.view=side", "world.gravity=[0, 0]"
+    )
+    plain = _film(scene_file, "world.view=side", "world.gravity=[0, 0]")
+    film.deliver()
+    plain.deliver()
+    assert np.abs(_frames(film)[-1] - _frames(plain)[-1]).max() <= 8

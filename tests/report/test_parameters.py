@@ -49,7 +49,7 @@ def test_each_number_has_its_source(tmp_path: Path) -> None:
         "90",
         "(3, 4)",
     )
-    assert a.also == "label: clip 0.7"
+    assert a.other_sources == "label: clip 0.7"
     assert (b.kind, "mass" in b.cells) == ("static", False)
     assert floor.cells["friction"].source == Source("file", "base.yaml, line 7")
     assert floor.cells["elasticity"].source.kind == "default"

@@ -66,7 +66,7 @@ def test_the_command_is_of_this_clip_alone() -> None:
         "--jobs",
         "8",
     ]
-    made.alone = command_alone(
+    made.clip_command = command_alone(
         "b.yaml",
         RenderOptions(overrides=("world.duration=1",), variant="fast", draws=8),
     )

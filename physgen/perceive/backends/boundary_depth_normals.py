@@ -215,7 +215,8 @@ def _walls(
     Their names differ from those of `walls`.
     """
     outlines = [t.outline for t in objects]
-    count, names = Counter[str](), {wall.name for wall in walls}
+    count = Counter[str]()
+    names = {wall.name for wall in walls}
     edge_walls: list[Wall] = []
     for edge in edges:
         if _is_behind_objects(edge, outlines) or _is_rim(edge):
@@ -361,7 +362,8 @@ def normalised_depth(depth: F32 | None) -> F32:
     # Percentiles ignore outliers unless nearly all depths are equal.
     low, high = np.percentile(depth[::3, ::3], (0.5, 99.5))
     if high - low <= 1e-6 * max(abs(low), abs(high)):
-        low, high = depth.min(), depth.max()
+        low = depth.min()
+        high = depth.max()
     return np.asarray(
         cv2.medianBlur(((depth - low) / (high - low)).astype(np.float32), 5), np.float32
     )
@@ -462,12 +464,14 @@ def _depth_beside(
     hidden.
     """
     height, width = depth.shape
-    x0, x1 = min(f.left[0] for f in group), max(f.right[0] for f in group)
+    x0 = min(f.left[0] for f in group)
+    x1 = max(f.right[0] for f in group)
     margin = 0.5 * max(float(np.ptp(f.hull[:, 0])) for f in group) + 2 * LIMITS.bleeds
     columns = np.arange(max(0, int(x0 - margin)), min(width, int(x1 + margin) + 1))
     rows = np.round(line.slope * columns + line.height).astype(int)
     inside = (rows >= 0) & (rows < height)
-    columns, rows = columns[inside], rows[inside]
+    columns = columns[inside]
+    rows = rows[inside]
     is_visible = ~occlusion[rows, columns]
     if is_visible.sum() >= 5:
         return float(np.median(depth[rows[is_visible], columns[is_visible]]))
@@ -541,10 +545,8 @@ def _fit_edge(
     out = np.array([direction[1], -direction[0]])
     if np.sqrt((((points - middle) @ out) ** 2).mean()) > LIMITS.roughness:
         return None
-    start, end = (
-        middle + direction * ((point - middle) @ direction) + 0.5 * out
-        for point in (first, last)
-    )
+    start = middle + direction * ((first - middle) @ direction) + 0.5 * out
+    end = middle + direction * ((last - middle) @ direction) + 0.5 * out
     return Edge(start, end)
 
 
@@ -595,13 +597,15 @@ def solid_reach(
     columns = np.arange(width)
     empty, solid = _test_matter_below(section, line)
     boxes = np.array([bounds(foot.item.outline) for foot in group])
-    first, last = boxes[:, 0].min(), boxes[:, 2].max()
+    first = boxes[:, 0].min()
+    last = boxes[:, 2].max()
     margin = int(max(LIMITS.gap * section.size, 1))
     near_feet = (columns >= first - margin) & (columns <= last + margin)
     if not near_feet.any() or solid[near_feet].mean() < LIMITS.solid_share:
         return None
     holes = np.flatnonzero(np.convolve(empty, np.ones(margin), "valid") >= margin)
-    left, right = holes[holes + margin <= first], holes[holes >= last]
+    left = holes[holes + margin <= first]
+    right = holes[holes >= last]
     if len(left):
         start = float(left.max() + margin) - 0.5
     else:
@@ -617,12 +621,14 @@ def _test_matter_below(section: Section, line: Line) -> tuple[Mask, Mask]:
     """Return whether each column (W,) below a line is empty, and whether it is solid."""
     height, width = section.solid.shape
     columns = np.arange(width)
-    empty, solid = np.ones(width, bool), np.ones(width, bool)
+    empty = np.ones(width, bool)
+    solid = np.ones(width, bool)
     for down in LIMITS.floor_depths:
         rows = np.rint(line.slope * columns + line.height).astype(int) + down
         inside = (rows >= 0) & (rows < height)
         pixels = np.clip(rows, 0, height - 1), columns
-        is_visible, is_solid = section.visible_mask[pixels], section.solid[pixels]
+        is_visible = section.visible_mask[pixels]
+        is_solid = section.solid[pixels]
         empty &= ~inside | (is_visible & ~is_solid)
         solid &= is_solid | ~is_visible
     return empty, solid

@@ -85,7 +85,9 @@ def _support(
             rgb, labels, run_network(rgb).normals, single_objects, upright, chances
         )
     else:
-        view_guess, confidence, reason = view, 1.0, "as given"
+        view_guess = view
+        confidence = 1.0
+        reason = "as given"
     if view_guess is View.TOP or not len(objects):
         cushions = find_cushions(Photo(rgb, labels), objects)
         return BoundaryGuess(
@@ -268,7 +270,8 @@ class _Floor:
 
     def feet_on(self, part: Chain) -> list[Foot]:
         """Return the feet that stand on a piece."""
-        first, last = part[0][0], part[-1][0]
+        first = part[0][0]
+        last = part[-1][0]
         return [f for f in self.group if first <= f.right[0] and last >= f.left[0]]
 
 

@@ -142,7 +142,8 @@ def _soft_ground(photo: F32, hole: Mask) -> tuple[Mask, F32 | None]:
     the shading (H, W, 3) or None.
     """
     size = working_size(hole.shape)
-    picture, small_hole = photo, hole
+    picture = photo
+    small_hole = hole
     if size is not None:
         picture = np.asarray(
             cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.float32
@@ -175,10 +176,8 @@ def _fill_picture(photo: F32, hole: Mask, *, copies: bool) -> F32:
         guide = _make_guide(photo, hole)
     else:
         guide = _make_large_guide(photo, hole, size)
-    picture, textured_hole = (
-        guide.picture,
-        guide.inner_hole & ~guide.smooth_hole & ~guide.arc_mask,
-    )
+    picture = guide.picture
+    textured_hole = guide.inner_hole & ~guide.smooth_hole & ~guide.arc_mask
     if copies and textured_hole.any():
         level = _pieces_without(guide.arc_mask, guide.inner_hole)
         copied_picture = shift_map_fill(picture, textured_hole, picture)
@@ -195,10 +194,8 @@ def _fill_picture(photo: F32, hole: Mask, *, copies: bool) -> F32:
 def _make_guide(photo: F32, hole: Mask) -> _Guide:
     """Return the guide for the `hole` (H, W) of a photo (H, W, 3)."""
     closed_hole = close_gaps(hole)
-    inner_hole, outer_hole = (
-        dilate(closed_hole, LIMITS.mixed_width),
-        dilate(closed_hole, LIMITS.mixed_width + LIMITS.band),
-    )
+    inner_hole = dilate(closed_hole, LIMITS.mixed_width)
+    outer_hole = dilate(closed_hole, LIMITS.mixed_width + LIMITS.band)
     # Hardly any pixels remain as sources: use the hole itself.
     if outer_hole.all():
         inner_hole = outer_hole = hole
@@ -235,12 +232,14 @@ def _make_large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
     inner_hole = dilate(close_gaps(hole), LIMITS.mixed_width)
     if inner_hole.all():
         inner_hole = hole
-    smooth_pieces, arcs = (
-        cv2.resize(
-            part.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST
-        )
-        for part in (guide.smooth_hole, guide.arc_mask)
-    )
+
+    def enlarge_mask(mask: Mask) -> NDArray[np.uint8]:
+        values = mask.view(np.uint8)
+        large = cv2.resize(values, (width, height), interpolation=cv2.INTER_NEAREST)
+        return np.asarray(large, np.uint8)
+
+    smooth_pieces = enlarge_mask(guide.smooth_hole)
+    arcs = enlarge_mask(guide.arc_mask)
     pixels = np.stack(np.nonzero(inner_hole))
     steps = np.array([[height / size[1]], [width / size[0]]])
     values = _sample(guide.picture, pixels, steps)
@@ -375,29 +374,42 @@ class _RowGap:
 def _draw_level_lines(picture: F32, photo: F32, hole: Mask) -> F32:
     """Return `picture` with continued level lines, on the box of a hole."""
     (end_length, half_height), half_width = LIMITS.line, LIMITS.line_width
-    result, best = picture.copy(), np.full(hole.shape, np.inf, np.float32)
+    result = picture.copy()
+    best = np.full(hole.shape, np.inf, np.float32)
     least_contrast = max(LIMITS.contrast, LIMITS.over_texture * _texture(photo, hole))
     known_photo = np.where(hole[..., None], np.float32(np.nan), photo)
-    middle = slice(half_height - half_width, half_height + half_width + 1)
-    row_distances = 3 * np.abs(np.arange(-half_width, half_width + 1))
     for y in range(half_height, len(hole) - half_height):
         rows = known_photo[y - half_height : y + half_height + 1]
         for gap in _find_row_gaps(rows, hole[y], end_length):
             if not _has_level_line(gap, known_photo[y], half_height, least_contrast):
                 continue
             part = np.s_[y - half_width : y + half_width + 1, gap.left : gap.right]
-            # If lines compete for a pixel, the one with the better match and the closer
-            # middle wins.
-            penalty = np.where(
-                gap.valid_rows[middle], gap.difference + row_distances, np.inf
-            )[:, None]
-            closer = hole[part] & (penalty < best[part])
-            share = np.linspace(0, 1, gap.right - gap.left)[None, :, None]
-            left_end, right_end = gap.left_end[middle], gap.right_end[middle]
-            line = (1 - share) * left_end[:, None] + share * right_end[:, None]
-            result[part] = np.where(closer[..., None], line, result[part])
-            best[part] = np.where(closer, penalty, best[part])
+            _draw_level_line(result[part], best[part], hole[part], gap)
     return result
+
+
+def _draw_level_line(
+    picture: F32, penalties: F32, hole_part: Mask, gap: _RowGap
+) -> None:
+    """Draw the level line across a gap into views of a picture (n, w, 3) and of the
+    penalties (n, w) of its lines.
+    """
+    (_, half_height), half_width = LIMITS.line, LIMITS.line_width
+    middle = slice(half_height - half_width, half_height + half_width + 1)
+    row_distances = 3 * np.abs(np.arange(-half_width, half_width + 1))
+    # If lines compete for a pixel, the one with the better match and the closer middle
+    # wins.
+    row_penalties = np.where(
+        gap.valid_rows[middle], gap.difference + row_distances, np.inf
+    )
+    penalty = row_penalties[:, None]
+    closer = hole_part & (penalty < penalties)
+    share = np.linspace(0, 1, gap.right - gap.left)[None, :, None]
+    left_end = gap.left_end[middle][:, None]
+    right_end = gap.right_end[middle][:, None]
+    line = (1 - share) * left_end + share * right_end
+    picture[...] = np.where(closer[..., None], line, picture)
+    penalties[...] = np.where(closer, penalty, penalties)
 
 
 def _find_row_gaps(rows: F32, hole_row: Mask, end_length: int) -> Iterator[_RowGap]:
@@ -470,10 +482,8 @@ def _smooth_pieces(photo: F32, texture: F32, hole: Mask) -> tuple[F32, Mask]:
 
     A harmonic fill gets the grain of one place.
     """
-    smooth_pieces, detail = (
-        np.zeros_like(hole),
-        texture - cv2.GaussianBlur(texture, (0, 0), LIMITS.grain),
-    )
+    smooth_pieces = np.zeros_like(hole)
+    detail = texture - cv2.GaussianBlur(texture, (0, 0), LIMITS.grain)
     grain = detail.copy()
     for part, piece in hole_pieces(hole):
         window = tuple(
@@ -535,7 +545,8 @@ def _roughness(photo: F32, surroundings: Mask) -> float:
     y, x = np.nonzero(surroundings)
     if len(y) < 24:
         return float(np.inf)
-    u, v = (y - y.mean()) / 64, (x - x.mean()) / 64
+    u = (y - y.mean()) / 64
+    v = (x - x.mean()) / 64
     terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], 1)
     colours = photo[y, x].astype(np.float64)
     residuals = colours - terms @ np.linalg.lstsq(terms, colours, rcond=None)[0]

@@ -59,7 +59,8 @@ class Lama(ModelBackend):
         return inpaint_windows(rgb, hole, self._paint, self._options["resolution"])
 
     def _paint(self, rgb: Rgb, mask: Mask) -> Rgb:
-        size, resolution = (rgb.shape[0], rgb.shape[1]), self._options["resolution"]
+        size = (rgb.shape[0], rgb.shape[1])
+        resolution = self._options["resolution"]
         inner = size
         if size[0] * size[1] > resolution**2:
             inner = model_size(size, resolution, MULTIPLE)

@@ -175,7 +175,8 @@ def _align_surface_shading(shading: F32, level: F32, normals: F32, ids: Labels) 
     )
     if not ground.any():
         return shading
-    light, ground_level = float(shading[ground].mean()), float(level[ground].mean())
+    light = float(shading[ground].mean())
+    ground_level = float(level[ground].mean())
     if stands:
         darker = -PRIORS.lift + PRIORS.table_share * (
             float(level[background].mean()) - ground_level
@@ -219,26 +220,21 @@ def _separate_shading(linear: F32, level: F32, lambert: F32, ids: Labels) -> F32
 def _mean_level_of_colour(level: F32, colour: F32) -> F32:
     """Return the mean level (h, w) of all pixels with a pixel's colour (h, w, 2)."""
     bins_a_side = PRIORS.colours
-    place = np.clip((colour + 3) / 6 * (bins_a_side - 1), 0, bins_a_side - 1).astype(
-        np.float32
-    )
+    last_bin = bins_a_side - 1
+    place = np.clip((colour + 3) / 6 * last_bin, 0, last_bin).astype(np.float32)
     bins = np.rint(place).astype(np.intp)
     index = (bins[..., 0] * bins_a_side + bins[..., 1]).ravel()
     shape = bins_a_side, bins_a_side
-    count, total = (
-        cv2.GaussianBlur(
-            np.bincount(index, weights, bins_a_side**2)
-            .reshape(shape)
-            .astype(np.float32),
-            (0, 0),
-            1.0,
-        )
-        for weights in (None, level.ravel())
-    )
-    mean = total / np.maximum(count, 1e-6)
-    return np.asarray(
-        cv2.remap(mean, place[..., 1], place[..., 0], cv2.INTER_LINEAR), np.float32
-    )
+
+    def smooth_sums(weights: F32 | None) -> F32:
+        sums = np.bincount(index, weights, bins_a_side**2).reshape(shape)
+        blurred_sums = cv2.GaussianBlur(sums.astype(np.float32), (0, 0), 1.0)
+        return np.asarray(blurred_sums, np.float32)
+
+    count = smooth_sums(None)
+    mean = smooth_sums(level.ravel()) / np.maximum(count, 1e-6)
+    result = cv2.remap(mean, place[..., 1], place[..., 0], cv2.INTER_LINEAR)
+    return np.asarray(result, np.float32)
 
 
 def _screened_poisson(x_steps: F32, down: F32, weights: F32) -> F32:

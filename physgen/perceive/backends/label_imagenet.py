@@ -342,7 +342,8 @@ def crop(rgb: Rgb, mask: Mask) -> F32:
     The object is centred, upright and undistorted.
     """
     x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
-    middle_x, middle_y = x + width / 2, y + height / 2
+    middle_x = x + width / 2
+    middle_y = y + height / 2
     span = max(width, height) * (1 + 2 * CROP.margin)
     left = max(int(middle_x - span / 2), 0)
     top = max(int(middle_y - span / 2), 0)
@@ -360,12 +361,16 @@ def crop(rgb: Rgb, mask: Mask) -> F32:
     else:
         interpolation = cv2.INTER_LINEAR
     small = cv2.resize(picture, size, interpolation=interpolation)
-    # Shift the object's centre to the centre of the crop.
-    right = CROP.side / 2 - (middle_x - left) * scale
-    down = CROP.side / 2 - (middle_y - top) * scale
-    move = np.array([[1, 0, right], [0, 1, down]])
+    return _center(small, (middle_x - left) * scale, (middle_y - top) * scale)
+
+
+def _center(picture: NDArray[Any], x: float, y: float) -> F32:
+    """Return a square crop (side, side, 3) whose centre is the point (x, y) px."""
+    right = CROP.side / 2 - x
+    down = CROP.side / 2 - y
+    shift = np.array([[1, 0, right], [0, 1, down]])
     square = cv2.warpAffine(
-        small, move, (CROP.side, CROP.side), borderValue=(CROP.middle,) * 3
+        picture, shift, (CROP.side, CROP.side), borderValue=(CROP.middle,) * 3
     )
     return np.asarray(square, np.float32)
 

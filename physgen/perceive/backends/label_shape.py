@@ -65,7 +65,8 @@ def _detect_narrow_neck(outline: Region) -> bool:
     left, right = _profile(outline)
     widths = right - left
     height = float(np.ptp(outline.rings[0].outer[:, 1]))
-    body, neck = float(np.median(widths[30:58])), float(np.median(widths[2:12]))
+    body = float(np.median(widths[30:58]))
+    neck = float(np.median(widths[2:12]))
     if not (1.8 < height / max(body, 1e-6) < 5 and 0.15 < neck / body < 0.6):
         return False
     # The halves left and right of the middle line must be equal.
@@ -86,9 +87,11 @@ def _profile(outline: Region) -> tuple[np.ndarray, np.ndarray]:
     top, px.
     """
     border = outline.rings[0].outer
-    low, high = border[:, 1].min(), border[:, 1].max()
+    low = border[:, 1].min()
+    high = border[:, 1].max()
     ends = np.roll(border, -1, axis=0)
-    left, right = np.zeros(60), np.zeros(60)
+    left = np.zeros(60)
+    right = np.zeros(60)
     for k, y in enumerate(low + (np.arange(60) + 0.5) / 60 * (high - low)):
         # Edges that cross the height y have one end above and one below.
         meets = (border[:, 1] <= y) != (ends[:, 1] <= y)

@@ -178,18 +178,19 @@ def fit_light(
     neighbours = neighbours.astype(np.float32)
     fine_cost = _cost(pairs, neighbours, spots)
     low = np.unravel_index(int(fine_cost.argmin()), fine_cost.shape)
-    direction, ratio = neighbours[low[0]], float(AMBIENT[low[1]])
+    direction = neighbours[low[0]]
+    ratio = float(AMBIENT[low[1]])
     agree = int((spots @ direction > np.cos(np.radians(2 * TUNING.spot_angle))).sum())
-    explanation = (
-        0.0 if pairs is None else 1 - float(_misfit(pairs, direction[None])[0, low[1]])
-    )
+    if pairs is None:
+        explanation = 0.0
+    else:
+        explanation = 1 - float(_misfit(pairs, direction[None])[0, low[1]])
     # A distant direction with a similar cost makes the light ambiguous.
     rival_costs = cost[sky @ direction < np.cos(np.radians(TUNING.rival_angle))]
-    worth = (
-        max(1 - float(rival_costs.min()), 0) / max(1 - float(cost.min()), 1e-6)
-        if rival_costs.size
-        else 0.0
-    )
+    if rival_costs.size:
+        worth = max(1 - float(rival_costs.min()), 0) / max(1 - float(cost.min()), 1e-6)
+    else:
+        worth = 0.0
     trust = 0.0 if pairs is None else pairs.trust
     return LightEstimate(
         _light(direction, ratio),
@@ -231,9 +232,8 @@ def _misfit(pairs: PixelPairs, sky: F32) -> F32:
     """Return the error (m, ambients) of the pairs' differences over that of even
     light.
     """
-    first_shading, second_shading = (
-        np.maximum(part @ sky.T, 0) for part in (pairs.first, pairs.second)
-    )
+    first_shading = np.maximum(pairs.first @ sky.T, 0)
+    second_shading = np.maximum(pairs.second @ sky.T, 0)
     even_cost = float(
         (pairs.weight * np.minimum(np.abs(pairs.change), TUNING.largest_error)).sum()
     )
@@ -320,7 +320,8 @@ def _draw_pairs(
     rows, columns = _select_pixels(maps, mask, is_ball)
     if len(rows) < 40:
         return None
-    normals, chroma = maps.normals[rows, columns], maps.chroma[rows, columns]
+    normals = maps.normals[rows, columns]
+    chroma = maps.chroma[rows, columns]
     a, b = random.integers(0, len(rows), (2, 12 * quota))
     differences = np.abs(chroma[a] - chroma[b]).max(axis=1)
     turns = np.linalg.norm(normals[a] - normals[b], axis=1)
@@ -329,7 +330,8 @@ def _draw_pairs(
     count = len(indices)
     if count < 20:
         return None
-    a, b = a[indices], b[indices]
+    a = a[indices]
+    b = b[indices]
     kind = _name_form(normals, is_ball)
     weight = TRUST[kind] * min(1.0, count / quota) * min(1.0, (len(rows) / 600) ** 0.5)
     level = maps.level[rows, columns]
@@ -373,18 +375,18 @@ def highlights(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> F32:
     for item in objects:
         if not isinstance(item.outline, Disc) or item.outline.radius < 8:
             continue
-        x, y, r = (
-            float(item.outline.center[0]),
-            float(item.outline.center[1]),
-            float(item.outline.radius),
-        )
-        x0, y0 = max(0, int(x - r)), max(0, int(y - r))
+        x = float(item.outline.center[0])
+        y = float(item.outline.center[1])
+        r = float(item.outline.radius)
+        x0 = max(0, int(x - r))
+        y0 = max(0, int(y - r))
         part = decode(rgb[y0 : int(y + r) + 2, x0 : int(x + r) + 2])
         mask = labels[y0 : int(y + r) + 2, x0 : int(x + r) + 2] == item.id
         spot = _white_spot(part, mask, r)
         if spot is None:
             continue
-        u, v = (spot[0] + x0 - x) / r, (spot[1] + y0 - y) / r
+        u = (spot[0] + x0 - x) / r
+        v = (spot[1] + y0 - y) / r
         # Farther out it is a lamp behind the scene, or light on the rim.
         if u * u + v * v > 0.6:
             continue

@@ -195,7 +195,8 @@ def divide_albedo(light: F32, albedo: F32, shading: F32, residual: F32 | None) -
     scale: photo = a albedo shading + b residual, with a and b by least squares. Mirror
     reflections are light rather than paint, so the residual counts as shading.
     """
-    paint, fall = luminance(albedo), luminance(shading)
+    paint = luminance(albedo)
+    fall = luminance(shading)
     matt = paint * fall
     if residual is None:
         gloss = np.zeros_like(matt)
@@ -207,11 +208,10 @@ def divide_albedo(light: F32, albedo: F32, shading: F32, residual: F32 | None) -
     )[0]
     # A negative factor has no physical meaning: fit the shading alone.
     if b <= 0 or a <= 0:
-        a, b = (
-            float(matt.ravel() @ photo_luminance.ravel())
-            / max(float(matt.ravel() @ matt.ravel()), 1e-9),
-            0.0,
+        a = float(matt.ravel() @ photo_luminance.ravel()) / max(
+            float(matt.ravel() @ matt.ravel()), 1e-9
         )
+        b = 0.0
     return np.asarray(a * fall + b * gloss / np.maximum(paint, DARKEST), np.float32)
 
 
@@ -225,9 +225,8 @@ def shrunk(rgb: Rgb, resolution: int) -> Rgb:
         scale = resolution / max(height, width)
     else:
         scale = 1.0
-    new_height, new_width = (
-        max(SLIMMEST, round(side * scale)) for side in (height, width)
-    )
+    new_height = max(SLIMMEST, round(height * scale))
+    new_width = max(SLIMMEST, round(width * scale))
     if (new_height, new_width) == (height, width):
         return rgb
     if scale < 1:

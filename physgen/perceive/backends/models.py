@@ -109,7 +109,8 @@ def device_of(setup: Setup) -> str:
         culprit = f'device "{name}"'
         if kind not in count:
             raise Message.NOT_A_DEVICE.error("physgen.toml", culprit, best=best)
-        message, version = Message.DEVICE_MISSING, torch.__version__
+        message = Message.DEVICE_MISSING
+        version = torch.__version__
         raise message.error("physgen.toml", culprit, version=version, best=best)
     if name == "auto":
         return best
@@ -288,10 +289,8 @@ def load_pipeline_on_cpu(
     """
     from diffusers.utils import logging
 
-    has_progress_bar, verbosity = (
-        logging.is_progress_bar_enabled(),
-        logging.get_verbosity(),
-    )
+    has_progress_bar = logging.is_progress_bar_enabled()
+    verbosity = logging.get_verbosity()
     logging.disable_progress_bar()
     # The library warns of casts that change nothing.
     logging.set_verbosity_error()

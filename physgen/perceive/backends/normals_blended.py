@@ -234,7 +234,8 @@ def _form(
             ), None
     # An ellipse is an egg or a pebble rather than a solid of revolution.
     if _ellipse_likeness(body) > 0.94 and not _is_rectangular(mask):
-        field, axis = cushion_tilts(mask), -1
+        field = cushion_tilts(mask)
+        axis = -1
     else:
         field, axis = _compute_revolved_tilts(mask, body)
     return field, None if nouns & ROUND else _bulge(
@@ -288,8 +289,10 @@ def _inner(mask: Mask) -> Mask:
 
 def _slope(normals: F32, field: F32, inner: Mask) -> float:
     """Return the regression slope of the network's tilts over a form's: about 0..1."""
-    a, b = normals[..., :2][inner], field[inner]
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    a = normals[..., :2][inner]
+    b = field[inner]
+    a = a - a.mean(axis=0)
+    b = b - b.mean(axis=0)
     return float((a * b).sum() / max(float((b * b).sum()), 1e-6))
 
 
@@ -428,7 +431,8 @@ def _find_table_edge(
         worth = drop * (1 + 20 * edge)
         is_edge = drop > LIMITS.floor_drop and edge > LIMITS.sharp
         if mean_below < LIMITS.floor and is_edge and worth > best:
-            best, edge_row = worth, y
+            best = worth
+            edge_row = y
     return edge_row
 
 
@@ -457,10 +461,8 @@ def turned_tilts(mask: Mask) -> F32:
     left = mask.argmax(axis=1)[rows].astype(np.float32)
     right = mask.shape[1] - 1 - mask[:, ::-1].argmax(axis=1)[rows].astype(np.float32)
     all_rows = np.arange(mask.shape[0])
-    middle, half_width = (
-        np.interp(all_rows, rows, part).astype(np.float32)
-        for part in ((left + right) / 2, (right - left + 1) / 2)
-    )
+    middle = np.interp(all_rows, rows, (left + right) / 2).astype(np.float32)
+    half_width = np.interp(all_rows, rows, (right - left + 1) / 2).astype(np.float32)
     flare = np.zeros(1, np.float32)
     if len(half_width) > 1:
         sigma = max(1.0, 0.02 * mask.shape[0])

@@ -49,7 +49,8 @@ def _matter(
     pixels_per_meter: float,
     largest: float,
 ) -> Matter:
-    solid, material = _solid(rgb, item.outline, noun_kind), noun_kind.material
+    solid = _solid(rgb, item.outline, noun_kind)
+    material = noun_kind.material
     mass, confidence, reason = weigh(item.outline, noun_kind, pixels_per_meter)
     return Matter(
         mass=mass,

@@ -254,13 +254,15 @@ class Sam:
             )
         fits = output.iou_scores[0].float()
         best = fits.argmax(-1)
-        return [
-            (
-                self._restore_size(output.pred_masks[0, k, int(i)].float()),
-                float(fits[k, i].clamp(0, 1)),
+        result: list[tuple[Mask, float]] = []
+        for k, i in enumerate(best):
+            result.append(
+                (
+                    self._restore_size(output.pred_masks[0, k, int(i)].float()),
+                    float(fits[k, i].clamp(0, 1)),
+                )
             )
-            for k, i in enumerate(best)
-        ]
+        return result
 
     def _restore_size(self, logits: torch.Tensor) -> Mask:
         """Return a mask (h, w) of the model at the photo's size."""
@@ -367,15 +369,8 @@ class GroundingDino:
         spans = self._find_phrases(text.input_ids[0].tolist(), nouns)
         chances = output.logits[0].float().sigmoid().cpu().numpy()
         scores = np.stack([chances[:, first:last].max(1) for first, last in spans], 1)
-        best = scores.argmax(1)
         corners = _find_corners(output.pred_boxes[0].float().cpu().numpy(), size)
-        detections: list[NounBox] = []
-        for k in np.flatnonzero(scores.max(1) >= GROUNDED.least_score).tolist():
-            x0, y0, x1, y1 = corners[k].tolist()
-            if x1 - x0 >= 1 and y1 - y0 >= 1:
-                score = float(scores[k, best[k]])
-                detections.append(NounBox((x0, y0, x1, y1), indices[best[k]], score))
-        return detections
+        return _choose_noun_boxes(scores, corners, indices)
 
     def _find_phrases(
         self, tokens: Sequence[int], nouns: Sequence[str]
@@ -399,6 +394,26 @@ class GroundingDino:
                 f"the tokenizer made {len(spans)} phrases of {len(nouns)} nouns: {names}"
             )
         return spans
+
+
+def _choose_noun_boxes(
+    scores: NDArray[Any], corners: NDArray[Any], indices: Sequence[int]
+) -> list[NounBox]:
+    """Return the boxes of at least one pixel with a confident noun.
+
+    `scores` is (queries, nouns), `corners` (queries, 4); `indices` are those of the
+    nouns.
+    """
+    best_nouns = scores.argmax(1)
+    boxes: list[NounBox] = []
+    for k in np.flatnonzero(scores.max(1) >= GROUNDED.least_score).tolist():
+        x0, y0, x1, y1 = corners[k].tolist()
+        if x1 - x0 >= 1 and y1 - y0 >= 1:
+            noun = best_nouns[k]
+            boxes.append(
+                NounBox((x0, y0, x1, y1), indices[noun], float(scores[k, noun]))
+            )
+    return boxes
 
 
 def _find_corners(

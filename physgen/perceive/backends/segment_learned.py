@@ -308,10 +308,8 @@ def _cut_out_again(rgb: NDArray[np.uint8], candidates: Candidates, k: int) -> Ma
 
 def better_mask(mask: Mask, second_mask: Mask) -> Mask:
     """Return the repeated mask, or the first mask if the repeated one is worse."""
-    common, union = (
-        np.count_nonzero(mask & second_mask),
-        np.count_nonzero(mask | second_mask),
-    )
+    common = np.count_nonzero(mask & second_mask)
+    union = np.count_nonzero(mask | second_mask)
     is_other = common < LEARNED.least_iou * union
     loses_roundness = bool(round_radius(mask)) and not round_radius(second_mask)
     if is_other or loses_roundness:

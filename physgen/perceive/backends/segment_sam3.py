@@ -95,7 +95,8 @@ class Sam3(ModelBackend):
         _, model = self._model
         side = int(model.config.image_size)
         pixel_values = pixels(rgb, (side, side), HALF, HALF).to(self._device)
-        is_16_bit, kind = self._dtype != torch.float32, self._device.partition(":")[0]
+        is_16_bit = self._dtype != torch.float32
+        kind = self._device.partition(":")[0]
         instances: list[Instance] = []
         with (
             torch.inference_mode(),

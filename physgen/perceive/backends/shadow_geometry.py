@@ -17,7 +17,13 @@ from math import cos, inf, pi, sin
 import cv2
 import numpy as np
 
-from physgen.geometry.shadows import ShadowSetting, Silhouette, blurred, shadow_darkness
+from physgen.geometry.shadows import (
+    PixelBox,
+    ShadowSetting,
+    Silhouette,
+    blurred,
+    shadow_darkness,
+)
 from physgen.maps import F32
 from physgen.perceive.roles import (
     BoundaryGuess,
@@ -67,6 +73,8 @@ FINER = 3
 """Factor of the finer picture for the softness of shadows."""
 SURE = 0.5
 """Least correlation of predicted and measured darkness for real shadows."""
+Cast = tuple[int, PixelBox, F32]
+"""Id of an object, box of its shadow, and -log of the remaining light in the box."""
 
 
 def geometry() -> Shadow:
@@ -99,7 +107,8 @@ def _find_reduced_shadows(
     reduced_photo: ReducedPhoto, silhouettes_at: SilhouettesAt, light: LightGuess
 ) -> Shadows:
     """Return the shadows of a reduced photo; `silhouettes_at` gives silhouettes at other scales."""
-    background, coverage = reduced_photo.background, reduced_photo.coverage
+    background = reduced_photo.background
+    coverage = reduced_photo.coverage
     no_shadows = Shadows(None, None, light.light, 4.0, 4.0, None, 0.0)
     scale = max(max(background.shape[:2]) / COARSE, 1.0)
     silhouettes = silhouettes_at(scale)
@@ -112,7 +121,7 @@ def _find_reduced_shadows(
     # Without a clear directional shadow, look for the soft shade of ambient light.
     if score < SURE or factor < 0.15:
         shade = find_ambient_shade(
-            background, coverage, silhouettes_at, from_above=True
+            background, coverage, silhouettes_at, is_top_view=True
         )
         if shade is None:
             return no_shadows
@@ -120,24 +129,10 @@ def _find_reduced_shadows(
             background, coverage, shade, silhouettes_at(1.0), light.light
         )
     # ... then a finer picture determines direction and softness.
-    scale = max(max(background.shape[:2]) / (FINER * COARSE), 1.0)
-    picture = _coarse_picture(background, coverage, silhouettes_at(scale), scale)
-    setting, _, factor = _climb(
-        replace(setting, size=picture.darkness.shape[::-1]), picture, light, 1 / FINER
+    setting = _refine_setting(reduced_photo, silhouettes_at, setting, light)
+    clean_background, owners = _remove_directional(
+        background, coverage, silhouettes_at(1.0), setting
     )
-    # The matched share of direct light makes predicted and measured shadows equally
-    # dark.
-    setting = replace(_match_darkness(setting, factor), size=reduced_photo.size)
-    silhouettes = silhouettes_at(1.0)
-    clean_background = lighten(
-        background, *_seen_darkness(background, coverage, silhouettes, setting)
-    )
-    casts = [
-        (silhouette.id, *darkness)
-        for silhouette in silhouettes
-        if (darkness := shadow_darkness(silhouette, setting)) is not None
-    ]
-    owners = shadow_owners(background, clean_background, coverage, casts)
     confidence = round(min(0.9, score), 2)
     return Shadows(
         clean_background,
@@ -148,6 +143,56 @@ def _find_reduced_shadows(
         None,
         confidence,
     )
+
+
+def _refine_setting(
+    reduced_photo: ReducedPhoto,
+    silhouettes_at: SilhouettesAt,
+    setting: ShadowSetting,
+    light: LightGuess,
+) -> ShadowSetting:
+    """Return a setting fitted to a finer picture, in px of the reduced photo."""
+    background = reduced_photo.background
+    coverage = reduced_photo.coverage
+    scale = max(max(background.shape[:2]) / (FINER * COARSE), 1.0)
+    picture = _coarse_picture(background, coverage, silhouettes_at(scale), scale)
+    start = replace(setting, size=picture.darkness.shape[::-1])
+    fitted_setting, _, factor = _climb(start, picture, light, 1 / FINER)
+    # The matched share of direct light makes predicted and measured shadows equally
+    # dark.
+    return replace(_match_darkness(fitted_setting, factor), size=reduced_photo.size)
+
+
+def _remove_directional(
+    background: Rgb,
+    coverage: F32,
+    silhouettes: Sequence[Silhouette],
+    setting: ShadowSetting,
+) -> tuple[Rgb, Labels | None]:
+    """Return the background without the shadows of a directional light, and their
+    owners.
+    """
+    clean_background = lighten(
+        background, *_seen_darkness(background, coverage, silhouettes, setting)
+    )
+    casts = _cast_shadows(silhouettes, setting)
+    owners = shadow_owners(background, clean_background, coverage, casts)
+    return clean_background, owners
+
+
+def _cast_shadows(
+    silhouettes: Sequence[Silhouette], setting: ShadowSetting, factor: float = 1.0
+) -> list[Cast]:
+    """Return the shadows of the silhouettes, with their darkness times `factor`."""
+    casts: list[Cast] = []
+    for silhouette in silhouettes:
+        shadow = shadow_darkness(silhouette, setting)
+        if shadow is not None:
+            box, darkness = shadow
+            if factor != 1:
+                darkness = np.asarray(factor * darkness, np.float32)
+            casts.append((silhouette.id, box, darkness))
+    return casts
 
 
 def _remove_ambient(
@@ -162,15 +207,7 @@ def _remove_ambient(
     The shade around rims is too faint and too close to the object to be measured pixel
     by pixel.
     """
-    silhouette_casts = [
-        (silhouette.id, *cast)
-        for silhouette in silhouettes
-        if (cast := shadow_darkness(silhouette, shade.setting)) is not None
-    ]
-    casts = [
-        (i, box, np.asarray(shade.factor * darkness, np.float32))
-        for i, box, darkness in silhouette_casts
-    ]
+    casts = _cast_shadows(silhouettes, shade.setting, shade.factor)
     darkness = np.zeros(coverage.shape, np.float32)
     for _, (x0, y0, x1, y1), values in casts:
         darkness[y0:y1, x0:x1] += values
@@ -188,7 +225,7 @@ def _remove_ambient(
         4.0,
         None,
         shade.confidence,
-        faint=True,
+        is_faint_shadow=True,
     )
 
 
@@ -217,10 +254,8 @@ class _Picture:
         # Subtract weighted means, as in Pearson's correlation.
         model = model - float((w * model).sum()) / count
         darkness = self.darkness - float((w * self.darkness).sum()) / count
-        product, square = (
-            float((w * model * darkness).sum()),
-            float((w * model * model).sum()),
-        )
+        product = float((w * model * darkness).sum())
+        square = float((w * model * model).sum())
         darkness_square = float((w * darkness * darkness).sum())
         return product / max((square * darkness_square) ** 0.5, 1e-9), product / max(
             square, 1e-9
@@ -231,7 +266,8 @@ def _coarse_picture(
     background: Rgb, coverage: F32, silhouettes: Sequence[Silhouette], scale: float
 ) -> _Picture:
     """Return the darkness of a reduced photo relative to its surroundings."""
-    h, w = (max(1, round(n / scale)) for n in background.shape[:2])
+    h = max(1, round(background.shape[0] / scale))
+    w = max(1, round(background.shape[1] / scale))
     light = np.log(luminance(decode(background)) + DARKEST)
     # Pixels at objects are unknown: average only the free ones.
     open_ = away_from_objects(coverage).astype(np.float32)

@@ -89,7 +89,8 @@ class _Role:
         self._model = setup.weights or os.environ.get(MODEL) or options["model"]
         self._key = os.environ.get(KEY, "").strip()
         self._timeout = options["timeout"]
-        parts, name = urlsplit(self._url), f"{self.role}=vlm"
+        parts = urlsplit(self._url)
+        name = f"{self.role}=vlm"
         if not self._url or not self._model:
             raise Message.NO_SERVER.error(
                 "--backend", name, url=URL, model=MODEL, key=KEY
@@ -186,7 +187,8 @@ class _Role:
             except (openai.BadRequestError, openai.UnprocessableEntityError):
                 self._sampling = {}
                 reply = self._server.chat.completions.create(**request)
-            message, usage = reply.choices[0].message, reply.usage
+            message = reply.choices[0].message
+            usage = reply.usage
         except openai.OpenAIError as error:
             body = getattr(error, "body", None)
             text = str(

@@ -203,7 +203,8 @@ def mass_contradictions(answer: Mapping[str, Any]) -> list[str]:
     """Return a fault if the mass exceeds that of a cube of osmium with the longest
     side.
     """
-    size, mass = answer["size"], answer["mass"]
+    size = answer["size"]
+    mass = answer["mass"]
     if mass <= VLM.densest * (100 * size) ** 3:
         return []
     return [f"mass: an object whose longest side is {size:g} m cannot weigh {mass:g} g"]
@@ -244,17 +245,17 @@ def _outlined_photo(rgb: Rgb, mask: Mask) -> bytes:
 
 def _closeup(rgb: Rgb, mask: Mask) -> bytes:
     """Return an outlined object with darkened surroundings, as PNG."""
-    rows, columns = (np.flatnonzero(mask.any(axis)) for axis in (1, 0))
+    rows = np.flatnonzero(mask.any(1))
+    columns = np.flatnonzero(mask.any(0))
     if not len(rows):  # the object lies outside the photo
         # The object lies outside the photo.
         return _png(_resize_picture(rgb, *VLM.closeup))
     (y0, y1), (x0, x1) = ((int(line[0]), int(line[-1]) + 1) for line in (rows, columns))
     margin = max(ceil(VLM.margin * max(y1 - y0, x1 - x0)), 8)
-    y0, x0 = max(y0 - margin, 0), max(x0 - margin, 0)
-    part, inside = (
-        rgb[y0 : y1 + margin, x0 : x1 + margin],
-        mask[y0 : y1 + margin, x0 : x1 + margin],
-    )
+    y0 = max(y0 - margin, 0)
+    x0 = max(x0 - margin, 0)
+    part = rgb[y0 : y1 + margin, x0 : x1 + margin]
+    inside = mask[y0 : y1 + margin, x0 : x1 + margin]
     picture = _resize_picture(np.ascontiguousarray(part), *VLM.closeup).copy()
     fitted_mask = _resize_mask(inside, picture)
     picture[~fitted_mask] = (picture[~fitted_mask] * VLM.surroundings).astype(np.uint8)

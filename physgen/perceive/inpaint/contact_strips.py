@@ -47,6 +47,13 @@ class _Tuning:
     # Largest area of a strip over the object's; a larger dark region is another
     # surface.
     most: float = 0.4
+    # Largest share of a strip's outline at which the dark region continues below or
+    # beside the searched surroundings. In 79 labelled photos of COCO, the largest share
+    # of a shadow is 0.39, and all strips above are other surfaces, e.g. a hedge.
+    longest: float = 0.4
+    # Largest light of an island of ground between an object and its strips, over that
+    # of the ground around the strips.
+    shaded: float = 0.8
 
 
 TUNING = _Tuning()
@@ -90,6 +97,7 @@ def _strip(
     room = np.zeros_like(hole)
     rows = slice(foot - int(TUNING.legs * height), foot + reach)
     room[rows, max(0, left - reach) : left + width + reach] = True
+    lower = np.arange(len(hole))[:, None] >= rows.start
     # A contact shadow lies under the object or directly beside it.
     mask_below = np.maximum.accumulate(piece, axis=0)
     size = 2 * reach + 1
@@ -97,12 +105,31 @@ def _strip(
         cv2.dilate(piece.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     )
     room &= (mask_below | mask_beside) & ~hole
-    shadow = room & (light < _darkest_ground(light, hole, box, reach))
+    dark = ~hole & (light < _darkest_ground(light, hole, box, reach))
+    shadow = room & dark
     _, names = cv2.connectedComponents(
         (shadow | piece).astype(np.uint8), connectivity=8
     )
     component_ids = np.unique(names[piece])
-    return np.asarray(shadow & np.isin(names, component_ids[component_ids > 0]))
+    strip = np.asarray(shadow & np.isin(names, component_ids[component_ids > 0]))
+    return _ending_parts(strip, dark & lower, ~dark & ~hole)
+
+
+def _ending_parts(strip: Mask, dark: Mask, ground: Mask) -> Mask:
+    """Return the connected parts of `strip` (H, W) that end on lighter `ground` (H, W).
+
+    A `dark` region (H, W) that continues outside the searched surroundings is another
+    surface.
+    """
+    count, names = cv2.connectedComponents(strip.astype(np.uint8), connectivity=8)
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    beside_dark, beside_ground = (
+        cv2.dilate(mask.astype(np.uint8), cross) > 0 for mask in (dark & ~strip, ground)
+    )
+    continued = np.bincount(names[beside_dark], minlength=count)
+    outline = np.bincount(names[beside_dark | beside_ground], minlength=count)
+    ends = continued <= TUNING.longest * outline
+    return np.asarray(strip & ends[names])
 
 
 def _darkest_ground(
@@ -131,3 +158,48 @@ def _darkest_ground(
         if middle > TUNING.least_ground:
             limits.append(min(TUNING.dark * middle, TUNING.below_low * low))
     return float(min(limits, default=0.0))
+
+
+def shaded_islands(photo: Rgb, hole: Mask, strips: Mask) -> Mask:
+    """Return the ground (H, W) of a `photo` (H, W, 3) that `strips` (H, W) enclose with
+    the rest of a `hole` (H, W).
+
+    Ground between a body and the strip below it is shaded by the body, and would stay
+    behind as a dark patch.
+    """
+    result = np.zeros_like(hole)
+    free = ~(hole | strips)
+    islands = list(_islands(free)) if strips.any() else []
+    if not islands:
+        return result
+    light = luminance(decode(photo)).astype(np.float32)
+    _, names = cv2.connectedComponents(strips.astype(np.uint8), connectivity=8)
+    reach = max(2, round(TUNING.reach * max(hole.shape)))
+    for island in islands:
+        numbers = np.unique(names[_dilate(island, 1)])
+        closing = np.isin(names, numbers[numbers > 0])
+        # A larger island is scenery seen between legs.
+        if np.count_nonzero(island) > np.count_nonzero(closing):
+            continue
+        ground = _dilate(closing, reach) & free & ~island
+        usual = np.median(light[ground]) if ground.any() else 0.0
+        if np.median(light[island]) < TUNING.shaded * usual:
+            result |= island
+    return result
+
+
+def _islands(free: Mask) -> Iterator[Mask]:
+    """Yield the connected parts of `free` (H, W) apart from the photo's border."""
+    count, names = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)
+    at_border = np.unique(
+        np.concatenate([names[0], names[-1], names[:, 0], names[:, -1]])
+    )
+    for number in range(1, count):
+        if number not in at_border:
+            yield names == number
+
+
+def _dilate(mask: Mask, reach: int) -> Mask:
+    """Return a mask (H, W) dilated by `reach` px in all directions."""
+    kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), kernel) > 0)

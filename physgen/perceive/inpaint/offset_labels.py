@@ -34,6 +34,8 @@ class _Costs:
     guide_most: float = 240.0
     # px: finer differences from the guide do not count.
     guide_blur: float = 2.0
+    # Levels per unit of the logarithms of texture, in comparisons of neighbours.
+    texture: float = 20.0
     # Factor of the squared logarithm of contrast over the expected contrast.
     contrast: float = 300.0
     # Limit of that squared logarithm.
@@ -72,10 +74,12 @@ class ReducedPhoto:
     hole: Mask
     # The hole, and other pixels that must not be copied.
     blocked: Mask
-    # Logarithm of mean squared fine detail; arbitrary in blocked pixels.
+    # Logarithm of mean squared fine detail; that of the guide in blocked pixels.
     contrast: F32
     # Squared difference of a patch from the most similar other one.
     rarity: F32
+    # (h, w, c): logarithms of mean squared differences in several directions.
+    texture: F32
 
 
 class OffsetLabels:
@@ -109,11 +113,16 @@ class OffsetLabels:
         return np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
 
     def _label_colours(self) -> F32:
-        """Return colour and slopes (h, w, K + 1, 5) of each label as whole numbers."""
+        """Return colour, slopes and texture (h, w, K + 1, n) of each label as whole
+        numbers.
+        """
         sources = self._sources()
-        copies = _colour_and_slopes(self.photo.picture)[sources]
-        guide = _colour_and_slopes(self.photo.guide)[self.box][:, :, None]
-        return np.concatenate([copies, guide], axis=2)
+        texture = np.round(COSTS.texture * self.photo.texture).astype(np.float32)
+        copies, guide = (
+            np.dstack([_colour_and_slopes(picture), texture])
+            for picture in (self.photo.picture, self.photo.guide)
+        )
+        return np.concatenate([copies[sources], guide[self.box][:, :, None]], axis=2)
 
     def _own_costs(self) -> F32:
         """Return the costs (h, w, K + 1) that do not depend on the neighbours'
@@ -124,9 +133,9 @@ class OffsetLabels:
         costs += COSTS.far * offset_cost(self.offsets, photo.hole.shape)
         costs += COSTS.rare * np.minimum(photo.rarity, COSTS.rarest)[sources]
         costs[~self._usable(sources)] = COSTS.unusable
-        costs += self._contrast_costs(sources)
         guide = np.full_like(costs[..., :1], COSTS.keep)
         costs = np.concatenate([costs, guide], axis=2)
+        costs += self._contrast_costs(sources)
         costs[~self.inside] = 0
         return np.asarray(costs, np.float32)
 
@@ -159,7 +168,7 @@ class OffsetLabels:
         return np.asarray(np.minimum(COSTS.guide * gap, COSTS.guide_most), np.float32)
 
     def _contrast_costs(self, sources: tuple[NDArray[np.int64], ...]) -> F32:
-        """Return costs (h, w, K) of contrast: a blur costs as much as too strong a
+        """Return costs (h, w, K + 1) of contrast: a blur costs as much as too strong a
         texture.
         """
         photo = self.photo
@@ -173,7 +182,9 @@ class OffsetLabels:
             weights += gain * cv2.GaussianBlur(known_weights, (0, 0), sigma)
         expected_contrast = (total / np.maximum(weights, 1e-9))[self.box][..., None]
         copies = _known_blur(photo.contrast, photo.blocked, 1.0)[sources]
-        gap = np.minimum((copies - expected_contrast) ** 2, COSTS.contrast_most)
+        guide = cv2.GaussianBlur(photo.contrast, (0, 0), 1.0)[self.box][..., None]
+        contrasts = np.concatenate([copies, guide], axis=2)
+        gap = np.minimum((contrasts - expected_contrast) ** 2, COSTS.contrast_most)
         return np.asarray(COSTS.contrast * gap, np.float32)
 
     def _rim_costs(self) -> F32:
@@ -182,6 +193,7 @@ class OffsetLabels:
         """
         photo = self.photo
         height, width = photo.hole.shape
+        features = np.dstack([photo.picture, COSTS.texture * photo.texture])
         costs = np.zeros((*self.inside.shape, len(self.offsets)), np.float32)
         for down, right, weight in _neighbours():
             rows, columns = self.rows[..., 0] + down, self.columns[..., 0] + right
@@ -193,8 +205,8 @@ class OffsetLabels:
             if not known_mask.any():
                 continue
             sources = tuple(place[known_mask] for place in self._sources(down, right))
-            aim = photo.picture[rows[known_mask], columns[known_mask]][:, None]
-            gap = ((photo.picture[sources] - aim) ** 2).sum(axis=-1)
+            aim = features[rows[known_mask], columns[known_mask]][:, None]
+            gap = ((features[sources] - aim) ** 2).sum(axis=-1)
             costs[known_mask] += np.float32(weight) * gap
         return costs
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.maps import F32
-from physgen.perceive.inpaint.contact_strips import contact_strips
+from physgen.perceive.inpaint.contact_strips import contact_strips, shaded_islands
 from physgen.perceive.inpaint.outgrowths import outgrowths
 
 if TYPE_CHECKING:
@@ -284,7 +284,8 @@ def with_rim(photo: Rgb, hole: Mask) -> Mask:
     if not hole.any() or hole.all():
         return hole
     wide_hole = _reach_around(hole)[1] <= rim_width(photo, hole)
-    wide_hole |= dilate(contact_strips(photo, hole), CONTACT_RIM)
+    strips = dilate(contact_strips(photo, hole), CONTACT_RIM)
+    wide_hole |= strips | shaded_islands(photo, wide_hole, strips)
     wide_hole |= dilate(outgrowths(photo, hole), CONTACT_RIM)
     return hole if wide_hole.all() else wide_hole
 

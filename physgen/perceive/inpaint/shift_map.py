@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.inpaint.copy_offsets import I64, Offsets, copy_offsets
+from physgen.perceive.inpaint.odd_pieces import replace_odd_pieces
 from physgen.perceive.inpaint.offset_labels import COSTS, OffsetLabels, ReducedPhoto
 from physgen.perceive.inpaint.patch_match import thin_out
 from physgen.perceive.inpaint.poisson import dilate, join_gradients
@@ -172,6 +173,7 @@ class _Window:
             return self.guide, self.guide
         reduced_photo = replace(reduced_photo, rarity=rarity)
         labels = OffsetLabels(reduced_photo, offsets).solve()
+        labels = replace_odd_pieces(labels, offsets, reduced_photo)
         shifts = self._shifts(labels, offsets, scale)
         rows, columns = np.nonzero(self.hole)
         down, right = shifts[rows, columns].T
@@ -282,9 +284,16 @@ class _Window:
         guided_picture = np.where(self.blocked[..., None], self.guide, self.picture)
         guide = _block_means(guided_picture, scale)
         detail = self._detail(self.picture, ~self.blocked)
-        energy = np.log(_block_means(detail, scale) + TUNING.noise)
+        # A block with both known pixels and pixels of the guide counts as the guide.
+        guide_detail = self._detail(guided_picture, np.ones_like(self.blocked))
+        energy, guide_energy = (
+            np.log(_block_means(part, scale) + TUNING.noise)
+            for part in (detail, guide_detail)
+        )
+        energy = np.where(blocked_mask, guide_energy, energy)
         rarity = np.zeros(hole.shape, np.float32)
-        return ReducedPhoto(guide, guide, hole, blocked_mask, energy, rarity)
+        texture = _texture(guided_picture, scale)
+        return ReducedPhoto(guide, guide, hole, blocked_mask, energy, rarity, texture)
 
     @staticmethod
     def _detail(picture: F32, known: Mask) -> F32:
@@ -464,6 +473,19 @@ def _band_means(picture: F32, band: Mask) -> F32:
 def _erode_mask(mask: Mask, radius: int) -> Mask:
     """Return the pixels (H, W) of `mask` farther than `radius` px from its border."""
     return ~dilate(~mask, radius)
+
+
+def _texture(picture: F32, scale: int) -> F32:
+    """Return logarithms (h, w, 4) of mean squared differences in four directions.
+
+    They are means of blocks of `scale` px a side of a `picture` (H, W, 3).
+    """
+    grey = picture.mean(axis=2)
+    logs = []
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        difference = grey - np.roll(grey, (down, right), (0, 1))
+        logs.append(np.log(_block_means(difference**2, scale) + TUNING.noise))
+    return np.stack(logs, axis=-1)
 
 
 def _block_means(picture: F32, scale: int) -> F32:

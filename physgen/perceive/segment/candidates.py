@@ -181,18 +181,19 @@ def find_groups(maps: NetworkMaps) -> list[Proposal]:
     cells = maps.foreground.size
     largest = round(CANDIDATES.largest * cells)
     groups, wholes = network_proposals(maps, CANDIDATES.smallest, largest)
-    return [
-        proposal
-        for proposal in distinct([*groups, *wholes])
-        if _mean(maps.foreground, proposal) >= CANDIDATES.least_foreground
-    ]
+    result: list[Proposal] = []
+    for proposal in distinct([*groups, *wholes]):
+        if _mean(maps.foreground, proposal) >= CANDIDATES.least_foreground:
+            result.append(proposal)
+    return result
 
 
 def cut_out_boxes(
     rgb: NDArray[np.uint8], evidence: Evidence, groups: Sequence[Proposal]
 ) -> list[CutOut]:
     """Cut out the best boxes, except boxes that match a group."""
-    boxes, shape = evidence.boxes, evidence.colours.shape
+    boxes = evidence.boxes
+    shape = evidence.colours.shape
     group_boxes = np.array([group.box for group in groups], np.float64).reshape(-1, 4)
     fit = box_overlap(evidence.corners, group_boxes).max(axis=1, initial=0.0)
     free = np.flatnonzero(fit < CANDIDATES.same_group)
@@ -243,37 +244,43 @@ def network_proposals(
     They are groups of basins, merged by affinity; wholes are the largest groups with
     high affinity between all parts.
     """
-    height, width = maps.foreground.shape
-    labels = basins(
-        cv2.GaussianBlur(border_relief(maps), (0, 0), 1.0).astype(np.float32)
-    )
-    pairs = []
-    for (down, right), affinity in zip(OFFSETS, maps.pairs, strict=True):
-        if (
-            max(down, abs(right)) <= CANDIDATES.joining
-            and down < height
-            and abs(right) < width
-        ):
-            first_side = (
-                slice(0, height - down),
-                slice(max(-right, 0), width - max(right, 0)),
-            )
-            second_side = (
-                slice(down, height),
-                slice(max(right, 0), width + min(right, 0)),
-            )
-            pairs.append((first_side, second_side, 1 - affinity[first_side]))
+    smooth_relief = cv2.GaussianBlur(border_relief(maps), (0, 0), 1.0)
+    labels = basins(smooth_relief.astype(np.float32))
     object_basins = _on_objects(labels, maps.foreground)
-    tree = merge_tree(pair_borders(labels, pairs, object_basins), tolerance=0)
+    borders = pair_borders(labels, _pixel_pairs(maps), object_basins)
+    tree = merge_tree(borders, tolerance=0)
     limit = 1 - CANDIDATES.whole_affinity
     parent_height = np.where(tree.parent >= 0, tree.height[tree.parent], 1.0)
     whole_nodes = (tree.height < limit) & (parent_height >= limit)
     tree_proposals = tree_regions(
         tree, labels, tree.exclude_basins(object_basins), smallest, largest
     )
-    return [proposal for k, proposal in tree_proposals if not whole_nodes[k]], [
-        proposal for k, proposal in tree_proposals if whole_nodes[k]
-    ]
+    parts: list[Proposal] = []
+    wholes: list[Proposal] = []
+    for k, proposal in tree_proposals:
+        group = wholes if whole_nodes[k] else parts
+        group.append(proposal)
+    return parts, wholes
+
+
+def _pixel_pairs(
+    maps: NetworkMaps,
+) -> list[tuple[tuple[slice, slice], tuple[slice, slice], F32]]:
+    """Return, per offset that joins basins, the windows of the first and second pixels
+    of all pairs, and the lack of affinity between them.
+    """
+    height, width = maps.foreground.shape
+    pairs = []
+    for (down, right), affinity in zip(OFFSETS, maps.pairs, strict=True):
+        is_short = max(down, abs(right)) <= CANDIDATES.joining
+        if not is_short or down >= height or abs(right) >= width:
+            continue
+        first_columns = slice(max(-right, 0), width - max(right, 0))
+        second_columns = slice(max(right, 0), width + min(right, 0))
+        first_side = (slice(0, height - down), first_columns)
+        second_side = (slice(down, height), second_columns)
+        pairs.append((first_side, second_side, 1 - affinity[first_side]))
+    return pairs
 
 
 def _on_objects(labels: NDArray[np.int32], foreground: F32) -> NDArray[np.bool_]:
@@ -291,13 +298,13 @@ def rescale_proposal(
 
     None means that no pixel remains.
     """
-    down, right = target_shape[0] / shape[0], target_shape[1] / shape[1]
+    down = target_shape[0] / shape[0]
+    right = target_shape[1] / shape[1]
     left, top, end, bottom = proposal.box
-    x0, y0 = int(left * right), int(top * down)
-    x1, y1 = (
-        min(int(np.ceil(end * right)), target_shape[1]),
-        min(int(np.ceil(bottom * down)), target_shape[0]),
-    )
+    x0 = int(left * right)
+    y0 = int(top * down)
+    x1 = min(int(np.ceil(end * right)), target_shape[1])
+    y1 = min(int(np.ceil(bottom * down)), target_shape[0])
     # Maps pixel centres of the target to those of the proposal.
     matrix = np.array(
         [

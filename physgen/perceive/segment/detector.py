@@ -95,7 +95,9 @@ def detect_boxes(rgb: NDArray[np.uint8]) -> DetectedBoxes:
     corners = np.clip(corners, 0, (width, height, width, height))
     best = scores.max(axis=1)
     valid = np.flatnonzero(best > LEAST_SCORE)
-    corners, scores, best = corners[valid], scores[valid], best[valid]
+    corners = corners[valid]
+    scores = scores[valid]
+    best = best[valid]
     order = _suppress(corners, best)
     return DetectedBoxes(corners[order], scores[order])
 
@@ -170,7 +172,8 @@ def _decode(logits: Array) -> Array:
     weights /= weights.sum(axis=2, keepdims=True)
     # A distance is the mean of its predicted distribution, in strides.
     distances = (weights @ np.arange(BINS)) * strides[:, None]
-    upper_distances, lower_distances = distances[:, :2], distances[:, 2:]
+    upper_distances = distances[:, :2]
+    lower_distances = distances[:, 2:]
     return np.concatenate(
         [centres - upper_distances, centres + lower_distances], axis=1
     )

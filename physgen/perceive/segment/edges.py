@@ -52,6 +52,8 @@ class SelectionConstants:
 
 
 SELECTION = SelectionConstants()
+GAP_REACH = 3
+"""px: distance from an outline to neighbours."""
 
 Flags = NDArray[np.bool_]
 Values = NDArray[np.float64]
@@ -113,11 +115,13 @@ def select(
     pool = [proposals[i] for i in worth.tolist()]
     if not pool:
         return [], np.zeros(0)
-    score, compactness = looks.score[worth], looks.compactness[worth]
+    score = looks.score[worth]
+    compactness = looks.compactness[worth]
     area = np.array([proposal.area for proposal in pool], np.float64)
     weight = (area / (shape[0] * shape[1])) ** SELECTION.area_power
     excludes = exclusions(pool)
-    final, gap = score, np.zeros(len(pool))
+    final = score
+    gap = np.zeros(len(pool))
     selection = best_set((final - SELECTION.threshold) * weight, excludes)
     # Sets and gaps depend on the selection, and the selection on them.
     for _ in range(2):
@@ -152,28 +156,33 @@ def _gaps(
     """Return the penalty (n,) of selected proposals with larger selected ones along
     their outline.
     """
-    reach = 3
-    labels = np.zeros((shape[0] + 2 * reach, shape[1] + 2 * reach), np.int32)
+    labels = np.zeros((shape[0] + 2 * GAP_REACH, shape[1] + 2 * GAP_REACH), np.int32)
     members = np.flatnonzero(selection).tolist()
     for i in members:
-        left, top, right, bottom = (edge + reach for edge in proposals[i].box)
+        left, top, right, bottom = (edge + GAP_REACH for edge in proposals[i].box)
         labels[top:bottom, left:right][proposals[i].mask] = i + 1
     penalty = np.zeros(len(proposals))
     for i in members:
         left, top, right, bottom = proposals[i].box
-        window = labels[top : bottom + 2 * reach, left : right + 2 * reach]
+        window = labels[top : bottom + 2 * GAP_REACH, left : right + 2 * GAP_REACH]
         others = (window > 0) & (window != i + 1)
         if not others.any():
             continue
-        near_others = cv2.dilate(
-            others.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-        )
-        x, y = (outline(proposals[i].mask) + reach).T
-        enclosure = max(0.0, float(near_others[y, x].mean()) - 0.3) / 0.7
+        enclosure = _enclosure(proposals[i].mask, others)
         neighbour_area = float(np.median(area[np.unique(window[others]) - 1]))
-        penalty[i] = (
-            SELECTION.gap_penalty
-            * enclosure
-            * np.clip(1 - area[i] / (0.6 * neighbour_area), 0, 1)
-        )
+        relative_size = area[i] / (0.6 * neighbour_area)
+        smallness = np.clip(1 - relative_size, 0, 1)
+        penalty[i] = SELECTION.gap_penalty * enclosure * smallness
     return penalty
+
+
+def _enclosure(mask: NDArray[np.bool_], others: NDArray[np.bool_]) -> float:
+    """Return how much of a proposal's outline is near others, 0..1.
+
+    `others` (h, w) has a margin of GAP_REACH px around the mask.
+    """
+    kernel = np.ones((2 * GAP_REACH + 1, 2 * GAP_REACH + 1), np.uint8)
+    near_others = cv2.dilate(others.astype(np.uint8), kernel)
+    x, y = (outline(mask) + GAP_REACH).T
+    near_share = float(near_others[y, x].mean())
+    return max(0.0, near_share - 0.3) / 0.7

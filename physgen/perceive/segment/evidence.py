@@ -191,8 +191,10 @@ def _crop_candidate(
     """Return a candidate in a window `reach` px larger than its box."""
     height, width = shape
     left, top, right, bottom = candidate.box
-    x0, y0 = max(left - reach, 0), max(top - reach, 0)
-    x1, y1 = min(right + reach, width), min(bottom + reach, height)
+    x0 = max(left - reach, 0)
+    y0 = max(top - reach, 0)
+    x1 = min(right + reach, width)
+    y1 = min(bottom + reach, height)
     mask = np.zeros((y1 - y0, x1 - x0), bool)
     mask[top - y0 : bottom - y0, left - x0 : right - x0] = candidate.mask
     surroundings = (
@@ -208,7 +210,8 @@ def _map_features(
 ) -> list[float]:
     """Return the features of one candidate, in the order of MAP_FEATURES."""
     view = _crop_candidate(candidate, maps.foreground.shape, reach)
-    window, mask = view.window, view.mask
+    window = view.window
+    mask = view.mask
     foreground = maps.foreground[window]
     contour = outline(candidate.mask)
     inner_affinities, outer_affinities = _pairs(
@@ -337,7 +340,8 @@ class _AffinitySums:
         down, right = offset
         first_side = np.s_[: height - down, max(-right, 0) : width - max(right, 0)]
         second_side = np.s_[down:, max(right, 0) : width + min(right, 0)]
-        first, second = mask[first_side], mask[second_side]
+        first = mask[first_side]
+        second = mask[second_side]
         affinity = affinities[first_side]
         is_inside = first & second
         self.inner += float(affinity[is_inside].sum())
@@ -361,7 +365,8 @@ def _colour_features(candidate: Proposal, evidence: Evidence) -> list[float]:
     outside = cv2.dilate(inside.astype(np.uint8), kernel, iterations=2) == 0
     if not outside.any():
         return [0.0] * len(COLOUR_FEATURES)
-    colours, lab = evidence.colours[view.window], evidence.lab[view.window]
+    colours = evidence.colours[view.window]
+    lab = evidence.lab[view.window]
     step = lab[inside].mean(axis=0) - lab[outside].mean(axis=0)
     return [
         _share_colours(colours[inside], colours[outside]),
@@ -410,14 +415,16 @@ def box_features(candidates: Sequence[Proposal], evidence: Evidence) -> Array:
     candidate.
     """
     count = len(candidates)
-    boxes, corners = evidence.boxes, evidence.corners
+    boxes = evidence.boxes
+    corners = evidence.corners
     if not boxes:
         return np.zeros((count, len(BOX_FEATURES)))
     rectangles = np.array([candidate.box for candidate in candidates], np.float64)
     overlap = box_overlap(rectangles, corners)
     # Of boxes with almost equal fits, the better one counts.
     best = (overlap * (0.5 + boxes.scores.max(axis=1))).argmax(axis=1)
-    best_scores, rows = boxes.scores[best], np.arange(count)
+    best_scores = boxes.scores[best]
+    rows = np.arange(count)
     classes = best_scores[:, 2:]
     groups = []
     for group_classes in (PERSON, ANIMALS, FURNITURE, VEHICLES):
@@ -465,7 +472,8 @@ def _count_alike(rectangles: Array, score: Array) -> Array:
 
 def _relatives(rectangles: Array, evidence: Evidence) -> list[Array]:
     """Return scores of wholes around candidates' boxes (n, 4) and of parts inside."""
-    boxes, corners = evidence.boxes, evidence.corners
+    boxes = evidence.boxes
+    corners = evidence.corners
     low = np.maximum(rectangles[:, None, :2], corners[None, :, :2])
     high = np.minimum(rectangles[:, None, 2:], corners[None, :, 2:])
     intersection = np.clip(high - low, 0, None).prod(axis=2)
@@ -528,7 +536,8 @@ def _parts(
     """
     order = np.argsort(-fit * np.sqrt(area), kind="stable")
     order = order[fit[order] > GOOD_PART]
-    share, count = np.zeros(len(fit)), np.zeros(len(fit))
+    share = np.zeros(len(fit))
+    count = np.zeros(len(fit))
     for i in range(len(fit)):
         used_parts: list[int] = []
         for j in order[is_part[i, order]].tolist():

@@ -73,9 +73,11 @@ def rim_sharpness(
     for k, proposal in enumerate(proposals):
         x, y = (outline(proposal.mask) + np.array([proposal.x, proposal.y])).T
         is_free = (x > 0) & (y > 0) & (x < shape[1] - 1) & (y < shape[0] - 1)
-        x, y = x[is_free], y[is_free]
+        x = x[is_free]
+        y = y[is_free]
         has_edge = fine_edges[y, x] > FOCUS.weakest
-        x, y = x[has_edge], y[has_edge]
+        x = x[has_edge]
+        y = y[has_edge]
         if len(x):
             ratios[k] = np.median(fine_edges[y, x] / (wide_edges[y, x] + 0.1))
     return ratios

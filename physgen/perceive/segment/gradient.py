@@ -116,6 +116,8 @@ def _measure_gradient(
     blurred_colour = cv2.GaussianBlur(colour, (0, 0), sigma)
     dx = cv2.Sobel(blurred_colour, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
     dy = cv2.Sobel(blurred_colour, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
-    xx, xy, yy = (dx * dx).sum(2), (dx * dy).sum(2), (dy * dy).sum(2)
+    xx = (dx * dx).sum(2)
+    xy = (dx * dy).sum(2)
+    yy = (dy * dy).sum(2)
     largest = (xx + yy + np.sqrt((xx - yy) ** 2 + 4 * xy * xy)) / 2
     return np.sqrt(largest * sigma), 0.5 * np.arctan2(2 * xy, xx - yy)

@@ -102,7 +102,8 @@ def judge_others(
 
 def sum_trees(features: Array, trees: Numbers) -> Array:
     """Return the sum (n,) 0..1 of the leaves of all trees for features (n, k)."""
-    feature, threshold = trees["feature"], trees["threshold"]
+    feature = trees["feature"]
+    threshold = trees["threshold"]
     rows = np.arange(len(features))[:, None]
     node = np.tile(trees["root"], (len(features), 1)).astype(np.intp)
     for _ in range(int(trees["depth"])):

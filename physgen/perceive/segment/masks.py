@@ -321,7 +321,8 @@ def _remove_occluded_part(cut: Cut, others: Sequence[Cut]) -> Mask:
     """Return the part of a cut's mask in front of others."""
     left = cut.mask.copy()
     for other in others:
-        own_part, other_part = common(cut, other), common(other, cut)
+        own_part = common(cut, other)
+        other_part = common(other, cut)
         if left[own_part].size and _before(other, cut):
             left[own_part] &= ~other.mask[other_part]
     return left

@@ -127,7 +127,8 @@ def _run_passes(rgb: NDArray[np.uint8]) -> tuple[list[F32], F32]:
     passes: list[F32] = []
     features = np.zeros(0, np.float32)
     for side in PASSES:
-        photo_pass, mirror_pass = _pass(rgb, side), _pass(mirror, side)
+        photo_pass = _pass(rgb, side)
+        mirror_pass = _pass(mirror, side)
         mean_maps = (photo_pass.maps + mirror_maps(mirror_pass.maps)) / 2
         passes.append(np.asarray(mean_maps, np.float32))
         if side == PASSES[0]:
@@ -255,14 +256,10 @@ def crop(
     height, width = image.shape[:2]
     result = np.full((side, side, *image.shape[2:]), fill, np.uint8)
     part = image[max(top, 0) : max(bottom, 0), max(left, 0) : max(right, 0)]
-    x0, x1 = (
-        round((x - left) / (right - left) * side)
-        for x in (max(left, 0), min(right, width))
-    )
-    y0, y1 = (
-        round((y - top) / (bottom - top) * side)
-        for y in (max(top, 0), min(bottom, height))
-    )
+    x0 = round((max(left, 0) - left) / (right - left) * side)
+    x1 = round((min(right, width) - left) / (right - left) * side)
+    y0 = round((max(top, 0) - top) / (bottom - top) * side)
+    y1 = round((min(bottom, height) - top) / (bottom - top) * side)
     if part.size and x1 > x0 and y1 > y0:
         # Reduce first, then enlarge: INTER_AREA cannot enlarge.
         size = min(part.shape[1], x1 - x0), min(part.shape[0], y1 - y0)
@@ -280,8 +277,10 @@ def bounds(box: Sequence[float]) -> tuple[int, int, int, int]:
 
     The crop may reach outside the photo and is at least 1 px wide and high.
     """
-    x_margin, y_margin = MARGIN * (box[2] - box[0]), MARGIN * (box[3] - box[1])
-    left, top = round(box[0] - x_margin), round(box[1] - y_margin)
+    x_margin = MARGIN * (box[2] - box[0])
+    y_margin = MARGIN * (box[3] - box[1])
+    left = round(box[0] - x_margin)
+    top = round(box[1] - y_margin)
     return (
         left,
         top,
@@ -366,27 +365,37 @@ def _segment(
     rgb: NDArray[np.uint8], box: Sequence[float], *, at_point: bool
 ) -> PromptedMask:
     """Return the object in a box or, if `at_point`, at the centre of a box."""
-    height, width = rgb.shape[:2]
-    mask = np.zeros((height, width), np.bool_)
-    left, top, right, bottom = bounds(box)
-    x, y, end, foot = max(left, 0), max(top, 0), min(right, width), min(bottom, height)
+    mask = np.zeros(rgb.shape[:2], np.bool_)
+    x, y, end, foot = _photo_window(box, mask.shape)
     if end <= x or foot <= y:
         return PromptedMask(mask, 0.0)
     view = crop(rgb, box, SIDE)
-    weights = _move_to_window(
-        follow_edges(view, _mean_chances(view, at_point)), box, (x, y, end, foot)
-    )
-    chances = np.clip(
-        (weights[..., :3] * rgb[y:foot, x:end]).sum(-1) + weights[..., 3], 0, 1
-    )
+    edge_weights = follow_edges(view, _mean_chances(view, at_point))
+    weights = _move_to_window(edge_weights, box, (x, y, end, foot))
+    colour_terms = weights[..., :3] * rgb[y:foot, x:end]
+    chances = np.clip(colour_terms.sum(-1) + weights[..., 3], 0, 1)
     piece = cut_out(chances >= 0.5, 0, 0, SMALLEST_OBJECT)
     if piece is None:
         return PromptedMask(mask, 0.0)
-    mask[y:foot, x:end] = inside = piece.on(chances.shape)
-    inner_sum = float(chances[inside].sum())
-    return PromptedMask(
-        mask, inner_sum / (float(inside.sum()) + float(chances.sum()) - inner_sum)
-    )
+    inner_mask = piece.on(chances.shape)
+    mask[y:foot, x:end] = inner_mask
+    return PromptedMask(mask, _expected_iou(chances, inner_mask))
+
+
+def _photo_window(
+    box: Sequence[float], shape: tuple[int, ...]
+) -> tuple[int, int, int, int]:
+    """Return left, top, right, bottom of a box inside a photo of `shape` (H, W), px."""
+    height, width = shape
+    left, top, right, bottom = bounds(box)
+    return max(left, 0), max(top, 0), min(right, width), min(bottom, height)
+
+
+def _expected_iou(chances: NDArray[Any], mask: NDArray[np.bool_]) -> float:
+    """Return the expected overlap of a mask (h, w) with an object of given chances."""
+    inner_sum = float(chances[mask].sum())
+    union = float(mask.sum()) + float(chances.sum()) - inner_sum
+    return inner_sum / union
 
 
 def _move_to_window(
@@ -398,7 +407,8 @@ def _move_to_window(
     """
     left, top, right, bottom = bounds(box)
     x, y, end, foot = window
-    x_scale, y_scale = SIDE / (right - left), SIDE / (bottom - top)
+    x_scale = SIDE / (right - left)
+    y_scale = SIDE / (bottom - top)
     transform = np.array(
         [
             [x_scale, 0, (x - left + 0.5) * x_scale - 0.5],
@@ -432,11 +442,10 @@ def follow_edges(
             np.float32,
         )
 
-    colours, large_chances = (
-        rgb.astype(np.float32),
-        cv2.resize(chances, rgb.shape[1::-1]),
-    )
-    middle, level = mean(colours), mean(large_chances)
+    colours = rgb.astype(np.float32)
+    large_chances = cv2.resize(chances, rgb.shape[1::-1])
+    middle = mean(colours)
+    level = mean(large_chances)
     covariance = mean(colours * large_chances[..., None]) - middle * level[..., None]
     # Channels in the order green, blue, red.
     other = np.roll(colours, -1, axis=-1)
@@ -466,7 +475,9 @@ def _cofactors(diagonal: F32, off_diagonal: F32) -> list[list[NDArray[np.float64
     """Return the rows of cofactors (h, w) of symmetric matrices."""
     a, b, c = np.moveaxis(diagonal.astype(np.float64), -1, 0)
     d, e, f = np.moveaxis(off_diagonal.astype(np.float64), -1, 0)
-    ab, bc, ac = e * f - c * d, d * f - a * e, d * e - b * f
+    ab = e * f - c * d
+    bc = d * f - a * e
+    ac = d * e - b * f
     return [[b * c - e * e, ab, ac], [ab, a * c - f * f, bc], [ac, bc, a * b - d * d]]
 
 
@@ -491,7 +502,8 @@ def _first_chances(codes: bytes, at_point: bool) -> F32:
 
 def _chances(rgb: NDArray[np.uint8], at_point: bool) -> F32:
     """Return the probability (SIDE / 2, SIDE / 2) of the prompted object in a crop."""
-    levels, head = _outputs(as_input(rgb))[1:], _head()
+    levels = _outputs(as_input(rgb))[1:]
+    head = _head()
     with LOCK:
         for name, level in zip(OUTPUTS[1:], levels, strict=True):
             head.setInput(level, name)

@@ -67,7 +67,8 @@ def unite_pieces(
             piece_ids.append(i)
     if len(piece_ids) < PIECES.fewest:
         return objects
-    labels, confidence = objects.labels.copy(), objects.confidence.copy()
+    labels = objects.labels.copy()
+    confidence = objects.confidence.copy()
     for group in _groups(labels, piece_ids):
         union_mask = _unite_pieces(rgb, labels, group)
         if union_mask is not None:

@@ -169,7 +169,8 @@ def shade_below(rgb: Rgb, labels: NDArray[np.uint16]) -> float:
         return 0.0
     left, top, width, height = cv2.boundingRect(object_mask.view(np.uint8))
     band = max(2, round(PLAIN.band * max(width, height)))
-    rows, columns = slice(top, top + height), slice(left, left + width)
+    rows = slice(top, top + height)
+    columns = slice(left, left + width)
     places = (
         np.s_[top + height : top + height + band, columns],
         np.s_[max(0, top - band) : top, columns],

@@ -78,16 +78,19 @@ class PromptFrame:
 
     def boxes_in(self, rgb: Rgb, boxes: Sequence[Box]) -> list[Box]:
         """Convert boxes to pixels of the photo (H, W, 3)."""
-        x, y = rgb.shape[1] / self.width, rgb.shape[0] / self.height
+        x = rgb.shape[1] / self.width
+        y = rgb.shape[0] / self.height
         return [(box[0] * x, box[1] * y, box[2] * x, box[3] * y) for box in boxes]
 
     def points_in(self, rgb: Rgb, points: Sequence[Point]) -> list[Point]:
         """Convert points to pixels of the photo (H, W, 3)."""
-        x, y = rgb.shape[1] / self.width, rgb.shape[0] / self.height
+        x = rgb.shape[1] / self.width
+        y = rgb.shape[0] / self.height
         # Pixel centres are whole numbers: the last pixel must stay on a smaller photo.
-        return [
-            ((point[0] + 0.5) * x - 0.5, (point[1] + 0.5) * y - 0.5) for point in points
-        ]
+        result: list[Point] = []
+        for point in points:
+            result.append(((point[0] + 0.5) * x - 0.5, (point[1] + 0.5) * y - 0.5))
+        return result
 
     def problem(
         self, order: int, kind: str, numbers: Sequence[float], refusal: RefusedError
@@ -148,7 +151,8 @@ def _share_fault(numbers: Sequence[float], frame: PromptFrame) -> RefusedError |
 
 def _box_fault(box: Box, frame: PromptFrame) -> RefusedError | None:
     """Return the fault of a box with its fix, or None."""
-    form, least_side = BOX_FORM, RULE.least_size / min(frame.scale, 1.0)
+    form = BOX_FORM
+    least_side = RULE.least_size / min(frame.scale, 1.0)
     x, y, width, height = box
     if width < 0 or height < 0:
         corrected_box = (min(x, x + width), min(y, y + height), abs(width), abs(height))
@@ -176,7 +180,8 @@ def _likely_boxes(box: Box, frame: PromptFrame) -> Iterator[Box]:
     """
     x, y, right, bottom = box
     by_corners = (x, y, right - x, bottom - y)
-    left, top = max(x, 0.0), max(y, 0.0)
+    left = max(x, 0.0)
+    top = max(y, 0.0)
     clipped_right = min(x + right, frame.width)
     clipped_bottom = min(y + bottom, frame.height)
     visible_box = (left, top, clipped_right - left, clipped_bottom - top)
@@ -297,21 +302,27 @@ def from_prompts(
     """
     frame = frame or PromptFrame.from_photo(rgb)
     problems = _PromptProblems(frame, _list_prompts(boxes, points))
-    boxes, points = frame.boxes_in(rgb, boxes), frame.points_in(rgb, points)
+    boxes = frame.boxes_in(rgb, boxes)
+    points = frame.points_in(rgb, points)
     masks = _cut_prompts(rgb, boxes, points, segment, problems)
     labels = _draw_in_front(masks, rgb.shape[:2])
     _check_visible(masks, labels, problems)
     places = _list_prompts(boxes, points)
-    # The scene stores the chosen region rather than the click.
     if segment.is_smallest_meant:
-        for k, prompt_mask in enumerate(masks[len(boxes) :], len(boxes)):
-            left, top, right, bottom = box_of(prompt_mask.mask)
-            places[k] = "box", (left, top, right - left, bottom - top)
+        # The scene stores the chosen region rather than the click.
+        for k in range(len(boxes), len(masks)):
+            places[k] = "box", _box_prompt(masks[k].mask)
     prompts = {}
     for k, (kind, place) in enumerate(places, 1):
         prompts[k] = {kind: [round(float(v), 2) for v in place]}
     confidence = {k: prompt_mask.confidence for k, prompt_mask in enumerate(masks, 1)}
     return Detections(labels, "pointed at", confidence, {}, prompts)
+
+
+def _box_prompt(mask: NDArray[np.bool_]) -> Box:
+    """Return x, y, width and height of a mask (H, W), px."""
+    left, top, right, bottom = box_of(mask)
+    return left, top, right - left, bottom - top
 
 
 def _check_visible(
@@ -552,8 +563,10 @@ def _corners(rgb: Rgb, box: Box) -> tuple[int, int, int, int]:
     Raises InputError if that part is too small.
     """
     height, width = rgb.shape[:2]
-    x0, y0 = max(0, round(box[0])), max(0, round(box[1]))
-    x1, y1 = min(width, round(box[0] + box[2])), min(height, round(box[1] + box[3]))
+    x0 = max(0, round(box[0]))
+    y0 = max(0, round(box[1]))
+    x1 = min(width, round(box[0] + box[2]))
+    y1 = min(height, round(box[1] + box[3]))
     if x1 - x0 < 4 or y1 - y0 < 4:
         is_outside = min(box[2:]) >= 4 and (x1 <= x0 or y1 <= y0)
         if is_outside:
@@ -567,7 +580,8 @@ def _corners(rgb: Rgb, box: Box) -> tuple[int, int, int, int]:
 def _pixel(rgb: Rgb, point: Point) -> tuple[int, int]:
     """Return column and row of a point, or raise InputError if it is off the photo."""
     height, width = rgb.shape[:2]
-    x, y = round(point[0]), round(point[1])
+    x = round(point[0])
+    y = round(point[1])
     if not (0 <= x < width and 0 <= y < height):
         raise Message.POINT_OFF_PHOTO.error(
             _flag("point", point), width=width, height=height

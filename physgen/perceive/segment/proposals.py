@@ -67,7 +67,8 @@ def polygons(contour: NDArray[np.int32]) -> list[NDArray[np.int32]]:
     They are the tightest rectangle and simplified hulls.
     """
     result = [np.rint(cv2.boxPoints(cv2.minAreaRect(contour))).astype(np.int32)]
-    hull, length = cv2.convexHull(contour), cv2.arcLength(contour, True)
+    hull = cv2.convexHull(contour)
+    length = cv2.arcLength(contour, True)
     for tolerance in (0.02, 0.035, 0.06):
         corners = cv2.approxPolyDP(hull, tolerance * length, True)[:, 0].astype(
             np.int32
@@ -303,7 +304,8 @@ def _outline_terms(
         free[k] = _is_free(
             contour[_sample_places(contour)] + (proposal.x, proposal.y), shape
         )
-        area, length = cv2.contourArea(contour), cv2.arcLength(contour, True)
+        area = cv2.contourArea(contour)
+        length = cv2.arcLength(contour, True)
         hull = cv2.contourArea(cv2.convexHull(contour))
         forms[k, 0] = (area + length / 2 + 1) / (hull + length / 2 + 1)
         forms[k, 1] = 4 * np.pi * area / max(length, 1) ** 2
@@ -326,7 +328,9 @@ def _is_free(
 ) -> NDArray[np.bool_]:
     """Return whether points (..., 2) of an outline are away from the photo's border."""
     x, y = np.moveaxis(points, -1, 0)
-    low, right, bottom = BORDER, shape[1] - 1, shape[0] - 1
+    low = BORDER
+    right = shape[1] - 1
+    bottom = shape[0] - 1
     is_inside = (x >= low) & (y >= low) & (x <= right - low) & (y <= bottom - low)
     return np.asarray(is_inside)
 
@@ -374,7 +378,8 @@ def _search_edges_along(rim: Array, reach: Array, gradient: Gradient) -> Array:
     The edge may lie a little inside or outside the mask's outline.
     """
     x, y, nx, ny = np.moveaxis(rim, 2, 0)
-    angle, edge = np.arctan2(ny, nx), np.zeros_like(x)
+    angle = np.arctan2(ny, nx)
+    edge = np.zeros_like(x)
     for step in np.linspace(-1, 1, 7):
         strength = gradient.measure_across(
             x + step * reach * nx, y + step * reach * ny, angle
@@ -399,9 +404,8 @@ def _contrasts(rim: Array, side: Array, colour: NDArray[np.float32]) -> Array:
     """
     blurred_colour = cv2.GaussianBlur(colour, (0, 0), 1.5).astype(np.float32)
     x, y, nx, ny = np.moveaxis(rim, 2, 0)
-    inside, outside = (
-        sample(blurred_colour, x + s * nx, y + s * ny) for s in (-side, side)
-    )
+    inside = sample(blurred_colour, x - side * nx, y - side * ny)
+    outside = sample(blurred_colour, x + side * nx, y + side * ny)
     step = np.linalg.norm(inside - outside, axis=2)
     return np.asarray(step / (step + 8))
 

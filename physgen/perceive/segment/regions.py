@@ -92,9 +92,12 @@ def _draw_disc(
 ) -> Proposal | None:
     """Return a circle (3,) as a proposal, or None if it is too small."""
     height, width = shape
-    x, y = np.arange(width), np.arange(height)[:, None]
-    left, top = (max(0, int(circle[k] - circle[2])) for k in (0, 1))
-    right, bottom = (int(circle[k] + circle[2]) + 2 for k in (0, 1))
+    x = np.arange(width)
+    y = np.arange(height)[:, None]
+    left = max(0, int(circle[0] - circle[2]))
+    top = max(0, int(circle[1] - circle[2]))
+    right = int(circle[0] + circle[2]) + 2
+    bottom = int(circle[1] + circle[2]) + 2
     distances = np.hypot(x[left:right] - circle[0], y[top:bottom] - circle[1])
     return cut_out(distances <= circle[2], left, top, smallest)
 
@@ -158,7 +161,8 @@ def _find_maxima(
     if next_layer is not None:
         neighbourhoods.append(next_layer[1][y, x])
     is_top = votes[y, x] >= np.max(neighbourhoods, axis=0)
-    y, x = y[is_top], x[is_top]
+    y = y[is_top]
+    x = x[is_top]
     return np.stack([x, y, np.full(len(x), radius), votes[y, x]], 1)
 
 
@@ -249,7 +253,8 @@ def basins(height: NDArray[np.float32]) -> NDArray[np.int32]:
     rows, columns = height.shape
     padded_relief = np.pad(height, 1, constant_values=np.inf)
     index = np.pad(np.arange(height.size, dtype=np.int32).reshape(height.shape), 1)
-    lowest, target = height.copy(), index[1:-1, 1:-1].copy()
+    lowest = height.copy()
+    target = index[1:-1, 1:-1].copy()
     for dy, dx in ((0, 1), (1, 0), (1, 2), (2, 1), (0, 0), (0, 2), (2, 0), (2, 2)):
         neighbour = padded_relief[dy : dy + rows, dx : dx + columns]
         target = np.where(
@@ -320,7 +325,8 @@ def merge_tree(
     heapq.heapify(queue)
     while queue:
         cost, a, b = heapq.heappop(queue)
-        a, b = merging.find_owner(a), merging.find_owner(b)
+        a = merging.find_owner(a)
+        b = merging.find_owner(b)
         if a == b:
             continue
         difference = merging.difference(a, b)
@@ -401,7 +407,8 @@ class _Merging:
 
     def _add_node(self, a: int, b: int, difference: float) -> None:
         """Add the node that joins region b to region a."""
-        first, second = self.node[a], self.node[b]
+        first = self.node[a]
+        second = self.node[b]
         new = len(self.parent)
         self.children[new] = first, second
         self.height.append(max(difference, self.height[first], self.height[second]))
@@ -412,7 +419,8 @@ class _Merging:
 
     def _mix_colours(self, a: int, b: int) -> None:
         """Add the colours of region b to region a."""
-        area, mean = self.area, self.mean
+        area = self.area
+        mean = self.mean
         mean[a] = (mean[a] * area[a] + mean[b] * area[b]) / (area[a] + area[b])
         area[a] += area[b]
 
@@ -465,7 +473,8 @@ def pair_borders(
     `selection` (basins,) have no borders.
     """
     count = int(labels.max()) + 1
-    keys, values = [np.zeros(0, np.int64)], [np.zeros(0, np.float32)]
+    keys = [np.zeros(0, np.int64)]
+    values = [np.zeros(0, np.float32)]
     for first_side, second_side, difference in pairs:
         first_labels = labels[first_side].astype(np.int64)
         second_labels = labels[second_side].astype(np.int64)
@@ -488,7 +497,8 @@ def _sum_borders(
     their differences.
     """
     unique, inverse = np.unique(keys, return_inverse=True)
-    lengths, totals = np.bincount(inverse), np.bincount(inverse, values)
+    lengths = np.bincount(inverse)
+    totals = np.bincount(inverse, values)
     neighbours: Borders = [{} for _ in range(count)]
     for key, length, total in zip(
         unique.tolist(), lengths.tolist(), totals.tolist(), strict=True
@@ -508,7 +518,8 @@ def _spans(
     size = [1] * count
     for a, b in children.values():
         size.append(size[a] + size[b])
-    first, start = [0] * len(size), 0
+    first = [0] * len(size)
+    start = 0
     # Parents have larger numbers than their children.
     for node in reversed(range(len(size))):
         if parent[node] < 0:

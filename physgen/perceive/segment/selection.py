@@ -56,7 +56,11 @@ class Selection:
 
     def parts_of(self, wholes: NDArray[np.intp]) -> list[int]:
         """Return the parts of some wholes."""
-        return [part for k in wholes.tolist() for part in self.parts.get(k, ())]
+        result: list[int] = []
+        for k in wholes.tolist():
+            for part in self.parts.get(k, ()):
+                result.append(part)
+        return result
 
 
 def unite_parts(
@@ -106,7 +110,8 @@ def _append(
     whole_index = int(selection.indices[best])
     if fits[best] < WHOLE.match:
         return selection
-    current_box, current_fit = rectangles[best], fits[best]
+    current_box = rectangles[best]
+    current_fit = fits[best]
     parts: list[int] = []
     for place in places.tolist():
         part = int(selection.indices[place])
@@ -119,7 +124,8 @@ def _append(
         fit = box_overlap(joint_box[None], corners[None])[0, 0]
         touches = _touch(candidates[whole_index], candidates[part])
         if place != best and touches and fit >= current_fit + WHOLE.better:
-            current_box, current_fit = joint_box, fit
+            current_box = joint_box
+            current_fit = fit
             parts.append(part)
     if not parts:
         return selection
@@ -211,10 +217,8 @@ def exclusions(proposals: Sequence[Proposal]) -> Flags:
     """
     boxes = np.array([proposal.box for proposal in proposals], np.float64)
     area = np.array([proposal.area for proposal in proposals], np.float64)
-    low, high = (
-        np.maximum(boxes[:, None, :2], boxes[:, :2]),
-        np.minimum(boxes[:, None, 2:], boxes[:, 2:]),
-    )
+    low = np.maximum(boxes[:, None, :2], boxes[:, :2])
+    high = np.minimum(boxes[:, None, 2:], boxes[:, 2:])
     meeting = np.clip(high - low, 0, None).prod(-1) > SHARED * np.minimum(
         area[:, None], area
     )
@@ -239,7 +243,8 @@ def best_set(gain: Values, excludes: Flags) -> Flags:
         before = float(gain[best].sum())
         # Move: add or remove one proposal and refill the freed space.
         for i in by_gain:
-            trial, out = best.copy(), best & excludes[i]
+            trial = best.copy()
+            out = best & excludes[i]
             if best[i]:
                 trial[i], out = False, np.arange(len(gain)) == i
             # Replacing much more gain than the candidate's rarely pays after the

@@ -42,13 +42,13 @@ class _Tuning:
     # Candidate skies: direct share, and tilt of the camera in degrees.
     skies: tuple[tuple[float, float], ...] = ((0.0, 5.7), (0.6, 9.6))
     # degrees: angular radius of such a light.
-    wide: float = 40.0
+    light_radius: float = 40.0
     # Least predicted depth of places for the comparison with ...
-    deep: float = 0.05
+    shade_depth: float = 0.05
     # ... places below this depth.
-    faint: float = 0.02
+    reference_depth: float = 0.02
     # Predicted depth above which a place is no reference for full light.
-    shaded: float = 0.03
+    possible_shade_depth: float = 0.03
     # Reach of the comparison in a side view ...
     beside_side: tuple[float, float] = (
         0.4,
@@ -64,31 +64,31 @@ class _Tuning:
         2.0,
     )
     # Least ratio of contrast to chance (studio photos of the split `tune`).
-    sure: float = 6.0
+    least_ratio: float = 6.0
     # Least contrast of shade.
-    seen: float = 0.025
+    least_contrast: float = 0.025
     # Least and largest ratio of measured to predicted depth: a darker place is another
     # surface, or shade of the objects' support.
     least_factor: float = 0.3
     most_factor: float = 1.5
-    along: tuple[tuple[float, float, float], ...] = (
+    side_reaches: tuple[tuple[float, float, float], ...] = (
         (0.7, 0.08, 1.0), (2.0, 0.16, 0.05), (4.0, 0.6, 2e-3), (8.0, 2.0, 1e-5),
     )  # fmt: skip
     """Reach and weight of similar surfaces on a floor seen from the side, where a row
     has one distance.
     """
-    around: tuple[tuple[float, float, float], ...] = (
+    top_reaches: tuple[tuple[float, float, float], ...] = (
         (0.5, 0.5, 1.0),
         (1.0, 1.0, 0.05),
         (3.0, 3.0, 2e-3),
     )
     """The same on a table seen from above."""
     # px: standard deviations; from above the mean of both in both directions.
-    smooth: tuple[float, float] = (3.0, 1.2)
+    smoothing_widths: tuple[float, float] = (3.0, 1.2)
     # Least free share of a place ...
     visible: float = 0.4
     # ... and its least free px.
-    least: int = 40
+    least_count: int = 40
     # Contrast below which no surface is more even.
     quiet: float = 5e-3
     # px: widths of the means that extend a rim's depth behind the object.
@@ -106,14 +106,14 @@ class AmbientShade:
     # Ratio of measured and predicted depth, as logarithms of light.
     factor: float
     # Ratio of contrast and chance.
-    sure: float
+    chance_ratio: float
     # (H, W): -log of the missing light, smoothed.
-    missing: F32
+    depth: F32
 
     @property
     def confidence(self) -> float:
         """Return the confidence, 0..1."""
-        return round(min(0.7, 0.1 * self.sure), 2)
+        return round(min(0.7, 0.1 * self.chance_ratio), 2)
 
 
 @dataclass(frozen=True)
@@ -125,34 +125,36 @@ class _ReducedGround:
     free: Mask
     # px: size of a typical object.
     size: float
-    from_above: bool
+    is_top_view: bool
 
     def contrast(self, model: F32) -> _ShadeContrast | None:
         """Return the contrast of shade predicted by `model` (h, w), or None if it is
         not visible.
         """
-        depths = model[self.free & (model > TUNING.faint)]
+        depths = model[self.free & (model > TUNING.reference_depth)]
         if not depths.size:
             return None
-        shade_mask = (model > max(TUNING.deep, float(np.median(depths)))) & self.free
-        possible_shade = model > TUNING.shaded
-        reach = TUNING.beside_top if self.from_above else TUNING.beside_side
+        shade_mask = (
+            model > max(TUNING.shade_depth, float(np.median(depths)))
+        ) & self.free
+        possible_shade = model > TUNING.possible_shade_depth
+        reach = TUNING.beside_top if self.is_top_view else TUNING.beside_side
         kernel_size = tuple(2 * int(part * self.size) + 1 for part in reach)
         kernel = np.ones(kernel_size[::-1], np.uint8)
         reference_mask = cv2.dilate(possible_shade.astype(np.uint8), kernel) > 0
-        reference_mask &= model < TUNING.faint
+        reference_mask &= model < TUNING.reference_depth
         darkness = missing_light(
             self.picture,
             self.free.astype(np.float32),
             possible_shade,
             self.size,
-            from_above=self.from_above,
+            is_top_view=self.is_top_view,
         )
-        shifts = _shifts(self.size, self.from_above)
+        shifts = _shifts(self.size, self.is_top_view)
         contrast, ratio = contrast_over_chance(
             darkness, self.free, shade_mask, reference_mask, shifts
         )
-        if contrast < TUNING.seen or ratio < TUNING.sure:
+        if contrast < TUNING.least_contrast or ratio < TUNING.least_ratio:
             return None
         model_contrast = float(
             np.median(model[shade_mask]) - np.median(model[reference_mask & self.free])
@@ -181,34 +183,34 @@ class _ShadeContrast:
 def find_ambient_shade(
     background: Rgb,
     coverage: F32,
-    at: Callable[[float], Sequence[Silhouette]],
+    silhouettes_at: Callable[[float], Sequence[Silhouette]],
     *,
-    from_above: bool,
+    is_top_view: bool,
 ) -> AmbientShade | None:
     """Return the shade of soft light in a photo, or None if none is visible.
 
-    `at` gives the silhouettes on a picture reduced by a factor.
+    `silhouettes_at` gives the silhouettes on a picture reduced by a factor.
     """
     H, W = coverage.shape
     scale = max(max(H, W) / TUNING.longest, 1.0)
-    silhouettes = at(scale)
+    silhouettes = silhouettes_at(scale)
     if not silhouettes:
         return None
     ground = _reduce_ground(
-        background, coverage, scale, typical_size(silhouettes), from_above
+        background, coverage, scale, typical_size(silhouettes), is_top_view
     )
     size = ground.free.shape[1], ground.free.shape[0]
     best: AmbientShade | None = None
     # Each candidate sky predicts places in shade; the most significant one is used.
     for direct, down in TUNING.skies:
-        sky = _sky(direct, down, size, from_above)
+        sky = _sky(direct, down, size, is_top_view)
         shade = ground.contrast(predicted_darkness(silhouettes, sky))
-        if shade is None or (best is not None and best.sure >= shade.ratio):
+        if shade is None or (best is not None and best.chance_ratio >= shade.ratio):
             continue
         if shade.factor <= TUNING.most_factor:
             full = cv2.resize(shade.darkness, (W, H), interpolation=cv2.INTER_LINEAR)
             best = AmbientShade(
-                _sky(direct, down, (W, H), from_above),
+                _sky(direct, down, (W, H), is_top_view),
                 shade.factor,
                 shade.ratio,
                 np.asarray(full, np.float32),
@@ -221,7 +223,7 @@ def _reduce_ground(
     coverage: F32,
     scale: float,
     size: float,
-    from_above: bool,
+    is_top_view: bool,
 ) -> _ReducedGround:
     """Return the photo at 1 / `scale` of its side; `size` is a typical object's."""
     H, W = coverage.shape
@@ -230,7 +232,7 @@ def _reduce_ground(
     object_margin = (~away_from_objects(coverage, MARGIN)).astype(np.float32)
     free = cv2.resize(object_margin, shape, interpolation=cv2.INTER_AREA) == 0
     return _ReducedGround(
-        np.asarray(picture, np.uint8), np.asarray(free), size, from_above
+        np.asarray(picture, np.uint8), np.asarray(free), size, is_top_view
     )
 
 
@@ -250,47 +252,52 @@ def extend_behind_objects(dark: F32, coverage: F32) -> F32:
 
 
 def _sky(
-    direct: float, down: float, size: tuple[int, int], from_above: bool
+    direct: float, down: float, size: tuple[int, int], is_top_view: bool
 ) -> ShadowSetting:
-    direction = (0.0, 0.0, 1.0) if from_above else (0.0, -1.0, 0.0)
+    if is_top_view:
+        direction = (0.0, 0.0, 1.0)
+    else:
+        direction = (0.0, -1.0, 0.0)
     light = DistantLight(direction, FULL * direct, FULL * (1 - direct))
-    return ShadowSetting(light, TUNING.wide, from_above, tan(radians(down)), inf, size)
+    return ShadowSetting(
+        light, TUNING.light_radius, is_top_view, tan(radians(down)), inf, size
+    )
 
 
-def _shifts(size: float, from_above: bool) -> list[tuple[int, int]]:
+def _shifts(size: float, is_top_view: bool) -> list[tuple[int, int]]:
     """Return the shifts, px right and down, at which dark places occur only by chance.
 
     From the side a shade is flat, so that a row away is already another place.
     """
     steps = [0.0, *TUNING.nearby, *(-part for part in TUNING.nearby)]
-    downs = (
-        steps if from_above else [0.6 * part for part in steps if 0 < abs(part) <= 1]
-    )
-    least_distance = 1.0 if from_above else 0.3
-    return [
-        (int(a * size), int(b * size))
-        for b in downs
-        for a in steps
-        if abs(a) + abs(b) >= least_distance
-    ]
+    if is_top_view:
+        downs = steps
+    else:
+        downs = [0.6 * part for part in steps if 0 < abs(part) <= 1]
+    least_distance = 1.0 if is_top_view else 0.3
+    result: list[tuple[int, int]] = []
+    for b in downs:
+        for a in steps:
+            if abs(a) + abs(b) >= least_distance:
+                result.append((int(a * size), int(b * size)))
+    return result
 
 
 def missing_light(
-    background: Rgb, free: F32, shaded: Mask, size: float, *, from_above: bool
+    background: Rgb, free: F32, possible_shade: Mask, size: float, *, is_top_view: bool
 ) -> F32:
     """Return -log (H, W) of the light missing relative to similar surfaces nearby,
     smoothed.
 
-    `free` is 1 away from objects. `shaded` marks places possibly in shade, which are no
+    `free` is 1 away from objects. `possible_shade` marks places possibly in shade, which are no
     reference.
     """
     linear = decode(background)
     level_of_pixel = np.log(luminance(linear) + DARKEST).astype(np.float32)
-    reference_weights = free * ~shaded
-    reaches = [
-        (a * size, d * size, gain)
-        for a, d, gain in (TUNING.around if from_above else TUNING.along)
-    ]
+    reference_weights = free * ~possible_shade
+    reaches = []
+    for a, d, gain in TUNING.top_reaches if is_top_view else TUNING.side_reaches:
+        reaches.append((a * size, d * size, gain))
     level = mean_of_kind(
         level_of_pixel,
         reference_weights,
@@ -298,7 +305,11 @@ def missing_light(
         reaches,
         tiny=1e-9,
     )
-    width, down = (sum(TUNING.smooth) / 2,) * 2 if from_above else TUNING.smooth
+    width, down = (
+        (sum(TUNING.smoothing_widths) / 2,) * 2
+        if is_top_view
+        else TUNING.smoothing_widths
+    )
     weights = np.maximum(blur_wide(free, width, down), 1e-2)
     return np.asarray(
         blur_wide((level - level_of_pixel) * free, width, down) / weights, np.float32
@@ -316,10 +327,11 @@ def contrast_over_chance(
     """
     contrast = _contrast(dark, free, within, around)
     other = free & ~within
-    shifted_contrasts = [
-        _contrast(dark, other, _move(within, dx, dy), _move(around, dx, dy))
-        for dx, dy in shifts
-    ]
+    shifted_contrasts = []
+    for dx, dy in shifts:
+        shifted_contrasts.append(
+            _contrast(dark, other, _move(within, dx, dy), _move(around, dx, dy))
+        )
     others = np.array([value for value in shifted_contrasts if value is not None])
     if (
         contrast is None
@@ -334,10 +346,11 @@ def contrast_over_chance(
 
 def _contrast(dark: F32, free: Mask, within: Mask, around: Mask) -> float | None:
     """Return the difference of median darkness, or None if too few pixels are free."""
-    inner_pixels, outer_pixels = within & free, around & free
+    inner_pixels = within & free
+    outer_pixels = around & free
     if (
-        inner_pixels.sum() < max(TUNING.least, TUNING.visible * within.sum())
-        or outer_pixels.sum() < TUNING.least
+        inner_pixels.sum() < max(TUNING.least_count, TUNING.visible * within.sum())
+        or outer_pixels.sum() < TUNING.least_count
     ):
         return None
     return float(np.median(dark[inner_pixels]) - np.median(dark[outer_pixels]))

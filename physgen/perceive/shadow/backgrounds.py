@@ -55,9 +55,9 @@ class Surroundings:
 class Backgrounds:
     """The photo behind the objects, (H, W, 3)."""
 
-    shaded: Rgb
+    shaded_picture: Rgb
     """With the shadows of the objects."""
-    clean: Rgb | None
+    clean_picture: Rgb | None
     """Without shadows; None if no shadow was found."""
 
 
@@ -72,17 +72,18 @@ def find_surroundings(photo: Rgb, coverage: F32) -> Surroundings:
 
 
 def fill_backgrounds(
-    around: Surroundings, shadows: Shadows, inpaint: Inpaint
+    surroundings: Surroundings, shadows: Shadows, inpaint: Inpaint
 ) -> Backgrounds:
     """Return both backgrounds; `shadows` come from the estimate."""
-    hole, clean_guess = around.hole, shadows.clean
+    hole = surroundings.hole
+    clean_guess = shadows.clean_background
     if not hole.any() or hole.all():
-        return Backgrounds(around.guess, clean_guess)
+        return Backgrounds(surroundings.guess, clean_guess)
     if clean_guess is None:
-        return Backgrounds(inpaint(around.photo, hole), None)
-    if shadows.faint:
-        return _fill_shaded(around, clean_guess, inpaint)
-    return _fill_clean(around, clean_guess, inpaint)
+        return Backgrounds(inpaint(surroundings.photo, hole), None)
+    if shadows.is_faint_shadow:
+        return _fill_shaded(surroundings, clean_guess, inpaint)
+    return _fill_clean(surroundings, clean_guess, inpaint)
 
 
 def find_scenery(labels: Labels, fixed: Sequence[int]) -> list[int]:
@@ -101,7 +102,7 @@ def find_scenery(labels: Labels, fixed: Sequence[int]) -> list[int]:
 
 
 def fill_before_scenery(
-    around: Surroundings, scenery_mask: Mask, shadows: Shadows, inpaint: Inpaint
+    surroundings: Surroundings, scenery_mask: Mask, shadows: Shadows, inpaint: Inpaint
 ) -> Backgrounds:
     """Return both backgrounds if objects of `scenery_mask` (H, W) do not move.
 
@@ -110,65 +111,74 @@ def fill_before_scenery(
     """
     fixed_mask = scenery_mask[..., None]
     # First fill behind the movable objects, with the scenery as part of the photo ...
-    coverage = np.where(scenery_mask, np.float32(0), around.coverage)
-    hole = with_rim(around.photo, coverage > 0)
-    guess = np.where(hole[..., None], around.guess, around.photo)
-    clean_guess = shadows.clean
+    coverage = np.where(scenery_mask, np.float32(0), surroundings.coverage)
+    hole = with_rim(surroundings.photo, coverage > 0)
+    guess = np.where(hole[..., None], surroundings.guess, surroundings.photo)
+    clean_guess = shadows.clean_background
     if clean_guess is not None:
         shadows = replace(
-            shadows, clean=np.where(fixed_mask, around.photo, clean_guess)
+            shadows,
+            clean_background=np.where(fixed_mask, surroundings.photo, clean_guess),
         )
-    before = Surroundings(around.photo, coverage, hole, guess)
+    before = Surroundings(surroundings.photo, coverage, hole, guess)
     backgrounds = fill_backgrounds(before, shadows, inpaint)
     # ... then behind the scenery, in the picture without the movable objects.
-    rest = with_rim(around.photo, scenery_mask)
-    lit_picture = backgrounds.shaded if backgrounds.clean is None else backgrounds.clean
+    rest = with_rim(surroundings.photo, scenery_mask)
+    if backgrounds.clean_picture is None:
+        lit_picture = backgrounds.shaded_picture
+    else:
+        lit_picture = backgrounds.clean_picture
     fill_result = inpaint(lit_picture, rest)
-    shaded_picture = np.where(rest[..., None], fill_result, backgrounds.shaded)
+    shaded_picture = np.where(rest[..., None], fill_result, backgrounds.shaded_picture)
     return Backgrounds(
-        shaded_picture, None if backgrounds.clean is None else fill_result
+        shaded_picture, None if backgrounds.clean_picture is None else fill_result
     )
 
 
-def _fill_shaded(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgrounds:
+def _fill_shaded(
+    surroundings: Surroundings, lifted: Rgb, inpaint: Inpaint
+) -> Backgrounds:
     """Return the backgrounds for faint shadows: the fill contains the shadows."""
-    shaded_fill = inpaint(around.photo, around.hole)
-    light = (decode(lifted) + DARKEST) / (decode(around.guess) + DARKEST)
+    shaded_fill = inpaint(surroundings.photo, surroundings.hole)
+    light = (decode(lifted) + DARKEST) / (decode(surroundings.guess) + DARKEST)
     clean_fill = encode_u8(np.minimum(decode(shaded_fill) * light, 1))
-    clean_fill = np.where(around.hole[..., None], clean_fill, lifted)
+    clean_fill = np.where(surroundings.hole[..., None], clean_fill, lifted)
     return Backgrounds(shaded_fill, clean_fill)
 
 
-def _fill_clean(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgrounds:
+def _fill_clean(
+    surroundings: Surroundings, lifted: Rgb, inpaint: Inpaint
+) -> Backgrounds:
     """Return the backgrounds from a fill without shadows.
 
     If a piece of the fill differs from its surroundings like another surface, the piece
     is filled again, with its shadows.
     """
-    before = reduce_photo(around.guess, around.coverage)
-    after = reduce_photo(lifted, around.coverage)
+    before = reduce_photo(surroundings.guess, surroundings.coverage)
+    after = reduce_photo(lifted, surroundings.coverage)
     # The comparison of surfaces needs no detail and runs at reduced size.
     plan = plan_refill(after.background, before.background, before.coverage)
-    shape = around.hole.shape
-    full_hole = around.hole | _enlarge_mask(plan.hole, shape)
+    shape = surroundings.hole.shape
+    full_hole = surroundings.hole | _enlarge_mask(plan.hole, shape)
     if full_hole.all():
-        full_hole = around.hole
+        full_hole = surroundings.hole
     clean_fill = inpaint(lifted, full_hole)
-    small_fill = reduce_photo(clean_fill, around.coverage).background
+    small_fill = reduce_photo(clean_fill, surroundings.coverage).background
     old = luminance(decode(before.background))
     # A fill without shadows must not be brighter than the removed shadow explains.
     rejected_pieces = plan.find_misfits(_blur(luminance(decode(small_fill))), old)
     rejected_mask = _enlarge_mask(rejected_pieces, shape) & full_hole
     if rejected_mask.any():
         masked_photo = np.where(
-            (full_hole & ~rejected_mask)[..., None], clean_fill, around.photo
+            (full_hole & ~rejected_mask)[..., None], clean_fill, surroundings.photo
         )
         small_fill = fill_from_surroundings(masked_photo, rejected_mask, inpaint)
         clean_fill = np.where(rejected_mask[..., None], small_fill, clean_fill)
     # The background with shadows is the same fill in the remaining light.
-    shaded_picture, dimmed_mask = around.photo.copy(), around.hole & ~rejected_mask
+    shaded_picture = surroundings.photo.copy()
+    dimmed_mask = surroundings.hole & ~rejected_mask
     light = np.exp(
-        enlarge(_measure_darkness(around, lifted, full_hole), shape)[dimmed_mask]
+        enlarge(_measure_darkness(surroundings, lifted, full_hole), shape)[dimmed_mask]
     )
     shaded_picture[dimmed_mask] = encode_u8(decode(clean_fill[dimmed_mask]) * light)
     shaded_picture[rejected_mask] = clean_fill[rejected_mask]
@@ -182,18 +192,18 @@ def _enlarge_mask(mask: Mask, shape: tuple[int, ...]) -> Mask:
     return np.asarray(large > 0)
 
 
-def _measure_darkness(around: Surroundings, lifted: Rgb, hole: Mask) -> F32:
+def _measure_darkness(surroundings: Surroundings, lifted: Rgb, hole: Mask) -> F32:
     """Return the negative -log (h, w, 3) of the light that shadows leave, extended into
     `hole`.
 
     The result has the size of the reduced photo.
     """
     share = hole.astype(np.float32)
-    before, after = (reduce_photo(picture, share) for picture in (around.photo, lifted))
-    logs = [
-        cv2.log(decode(reduced_photo.background) + np.float32(DARKEST))
-        for reduced_photo in (before, after)
-    ]
+    before = reduce_photo(surroundings.photo, share)
+    after = reduce_photo(lifted, share)
+    logs = []
+    for reduced_photo in (before, after):
+        logs.append(cv2.log(decode(reduced_photo.background) + np.float32(DARKEST)))
     hidden_mask = before.coverage > 0
     log_ratio = np.where(hidden_mask[..., None], np.float32(0), logs[0] - logs[1])
     return harmonic_fill(log_ratio, hidden_mask, LIGHT_ERROR)

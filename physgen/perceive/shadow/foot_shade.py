@@ -44,19 +44,19 @@ class FootLimits:
     """Distance from the foot at which the ground is taken for bare."""
     least_room: float = 0.1
     """Least distance between the foot and the photo's lower side."""
-    far: float = 0.7
+    comparison_start: float = 0.7
     """Share of the reach from which on the ground below is compared."""
-    smooth: float = 0.02
+    blur_width: float = 0.02
     """Standard deviation of the blur against grain."""
-    least: float = 0.08
+    least_depth: float = 0.08
     """Least depth of shade ..."""
     loud: float = 2.0
     """... and least ratio to the standard deviation of the bare ground."""
-    near: float = 0.06
+    contact_distance: float = 0.06
     """Distance from the foot at which shade is deepest."""
     depth: float = 0.15
     """Least mean depth of shade there."""
-    wide: float = 0.3
+    width_share: float = 0.3
     """Least share of the foot's width with shade."""
     fade: float = 0.12
     """Height over which the removal begins."""
@@ -70,7 +70,7 @@ class FootLimits:
     """... down to this part of the foot's width below the foot."""
     edge: float = 0.035
     """Width of the outer border in the search for an edge ..."""
-    hard: float = 0.75
+    edge_share: float = 0.75
     """... and largest share of the depth that may be lost across it: shade is soft, a
     mat or a coaster ends in an edge.
     """
@@ -120,12 +120,13 @@ def find_foot_shade(
             return None
         if shade is None:
             continue
-        window, depth = shade.window, shade.depth
+        window = shade.window
+        depth = shade.depth
         largest = np.abs(depth).max(axis=2)
         # Shades of neighbours overlap: the deeper one is the pixel's.
         is_deeper = largest > np.abs(depths[window]).max(axis=2)
         depths[window][is_deeper] = depth[is_deeper]
-        is_shade = is_deeper & (largest > FOOT.least / 2)
+        is_shade = is_deeper & (largest > FOOT.least_depth / 2)
         owners[window][is_shade & (coverage[window] < 0.5)] = item.id
     if not owners.any():
         return None
@@ -152,7 +153,7 @@ class _Ground:
     """(h, w): distance from the foot over the object's side."""
     noise: float
     """Standard deviation of the bare ground's -log of light."""
-    below: F32
+    depth_below: F32
     """(h, w, 3): -log of the light relative to the ground below the foot."""
 
 
@@ -192,7 +193,10 @@ def _shade_at_foot(background: Rgb, free: F32, own_mask: Mask) -> _FootShade | N
         reduced(is_ground_row.astype(np.float32)) > 0.5,
         side / scale,
     )
-    shade = None if ground is None else _joined_shade(ground, side / scale)
+    if ground is None:
+        shade = None
+    else:
+        shade = _joined_shade(ground, side / scale)
     if ground is None or shade is None:
         return None
     if _is_board(ground, shade):
@@ -215,9 +219,9 @@ def _ground(
     if not foot.any() or not room.any() or not bare.any():
         return None
     logs = np.log(linear + DARKEST).astype(np.float32)
-    smooth = _blur_known(logs, open_mask, max(FOOT.smooth * side, 0.8))
+    smooth = _blur_known(logs, open_mask, max(FOOT.blur_width * side, 0.8))
     membrane = harmonic_fill(smooth, ~bare, FOOT.tolerance)
-    rough = _blur_known(smooth, bare, max(4 * FOOT.smooth * side, 2.0))
+    rough = _blur_known(smooth, bare, max(4 * FOOT.blur_width * side, 2.0))
     grain = np.abs(smooth - rough).mean(axis=2)[bare]
     # A median: the ground may end in a meadow within the search.
     noise = NORMAL * float(np.median(grain))
@@ -240,7 +244,7 @@ def _level_below(smooth: F32, foot: Mask, open_mask: Mask, side: float) -> F32 |
     room = min(FOOT.reach * side, len(foot) - 1 - lowest)
     if room < FOOT.least_room * side:
         return None
-    first = lowest + round(FOOT.far * room)
+    first = lowest + round(FOOT.comparison_start * room)
     place = np.s_[first : lowest + round(room) + 1, columns[0] : columns[-1] + 1]
     values = smooth[place][open_mask[place]]
     if len(values) < len(columns):
@@ -253,12 +257,12 @@ def _joined_shade(ground: _Ground, side: float) -> Mask | None:
 
     `side`: smaller side of the object on the grid, px.
     """
-    limit = max(FOOT.least, FOOT.loud * ground.noise)
+    limit = max(FOOT.least_depth, FOOT.loud * ground.noise)
     # Shade differs from the ground on all sides, and from that below alone: the object
     # may stand on a dark carpet before a bright wall.
-    strengths = [_strength(depth) for depth in (ground.depth, ground.below)]
+    strengths = [_strength(depth) for depth in (ground.depth, ground.depth_below)]
     shade = ground.room & (np.minimum(*strengths) > limit)
-    near = ground.room & (ground.distance < FOOT.near)
+    near = ground.room & (ground.distance < FOOT.contact_distance)
     wide_foot = cv2.dilate(ground.foot.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     _, names = cv2.connectedComponents((shade | wide_foot).astype(np.uint8))
     foot_names = np.unique(names[ground.foot])
@@ -269,11 +273,13 @@ def _joined_shade(ground: _Ground, side: float) -> Mask | None:
         return None
     width = np.count_nonzero(ground.foot.any(axis=0))
     shaded_width = np.count_nonzero(near_shade.any(axis=0))
-    if shaded_width < FOOT.wide * width:
+    if shaded_width < FOOT.width_share * width:
         return None
     if np.count_nonzero(shade & border) > FOOT.ends * np.count_nonzero(border):
         return None
-    return None if _has_hard_edge(ground, shade, side) else shade
+    if _has_hard_edge(ground, shade, side):
+        return None
+    return shade
 
 
 def _has_hard_edge(ground: _Ground, shade: Mask, side: float) -> bool:
@@ -297,7 +303,7 @@ def _has_hard_edge(ground: _Ground, shade: Mask, side: float) -> bool:
     if len(strengths) <= width:
         return False
     drops = strengths[:-width] - strengths[width:]
-    return bool(drops.max() > FOOT.hard * strengths.max())
+    return bool(drops.max() > FOOT.edge_share * strengths.max())
 
 
 def _is_board(ground: _Ground, shade: Mask) -> bool:
@@ -327,7 +333,7 @@ def _strength(depth: F32) -> F32:
 
 def _soft_depth(ground: _Ground, shade: Mask, side: float) -> F32:
     """Return the depths (h, w, 3) of shade with soft ends, continued behind the foot."""
-    sigma = max(FOOT.smooth * side, 1.0)
+    sigma = max(FOOT.blur_width * side, 1.0)
     wide_shade = cv2.dilate(shade.astype(np.uint8), np.ones((5, 5), np.uint8))
     weight = cv2.GaussianBlur(wide_shade.astype(np.float32), (0, 0), sigma)
     weight *= np.clip((FOOT.reach - ground.distance) / (0.2 * FOOT.reach), 0, 1)

@@ -29,11 +29,11 @@ class MirrorLimits:
 
     shallow: float = 0.05
     """Least height of the ground below an object."""
-    beside: float = 0.25
+    side_width: float = 0.25
     """Width of the visible ground on either side."""
     gap: float = 0.03
     """Height below the foot that contact shadows may spoil."""
-    near: float = 0.5
+    search_height: float = 0.5
     """Height of the search for a mirror image."""
     blur: float = 0.05
     """Standard deviation of the blur: a ground is less sharp than a mirror."""
@@ -55,13 +55,13 @@ class MirrorLimits:
     strongest: float = 0.5
     visible: float = 1.5
     """Least ratio of the difference from the ground and the ground's texture."""
-    least: float = 4.0
+    least_difference: float = 4.0
     """Least difference, 8-bit levels."""
-    covered: float = 0.05
+    hidden_share: float = 0.05
     """Largest share of the mirror image behind other objects."""
     margin: float = 0.06
     """Removed width around the mirror image."""
-    raised: float = 0.1
+    step_height: float = 0.1
     """Largest height above the foot of parts on the ground farther back."""
     smallest: int = 400
     """px: least area of a mirror image."""
@@ -125,7 +125,7 @@ def _below_raised_parts(mask: Mask, rows: slice, height: int) -> NDArray[np.uint
     Such a part, e.g. a strap, touches the ground farther back.
     """
     last_rows = len(mask) - 1 - np.argmax(mask[::-1], axis=0)
-    highest_row = rows.start - MIRROR.raised * height
+    highest_row = rows.start - MIRROR.step_height * height
     has_part = mask.any(axis=0) & (last_rows >= highest_row)
     row_numbers = np.arange(len(mask))[:, None]
     ground = (row_numbers > last_rows) & (row_numbers < rows.stop) & has_part
@@ -151,18 +151,20 @@ def _windows(
 
 def _margin(width: int) -> int:
     """Return the width of the visible ground beside an object, px."""
-    return round(MIRROR.beside * width) + 4
+    return round(MIRROR.side_width * width) + 4
 
 
 def _visible_part(mirrored: Mask, is_hidden: Mask, height: int) -> Mask | None:
     """Return the compared pixels of a mirror image, or None if too few are visible."""
     hidden_pixels = mirrored & is_hidden
-    if hidden_pixels.sum() > MIRROR.covered * mirrored.sum():
+    if hidden_pixels.sum() > MIRROR.hidden_share * mirrored.sum():
         return None
     part = mirrored & ~hidden_pixels
     part[: max(2, round(MIRROR.gap * height))] = False
-    part[max(2, round(MIRROR.near * height)) :] = False
-    return part if np.count_nonzero(part) >= MIRROR.smallest else None
+    part[max(2, round(MIRROR.search_height * height)) :] = False
+    if np.count_nonzero(part) >= MIRROR.smallest:
+        return part
+    return None
 
 
 def _dilate_mask(image: NDArray[np.uint8], reach: int) -> Mask:
@@ -181,7 +183,11 @@ def _has_outline(differences: F32, part: Mask, free_ground: Mask) -> bool:
     compared_ground = free_ground & part.any(axis=1).reshape(-1, 1)
     inner_band = part & _dilate(compared_ground, width)
     outer_band = compared_ground & _dilate(part, width)
-    if abs(mean) < MIRROR.least or not inner_band.any() or not outer_band.any():
+    if (
+        abs(mean) < MIRROR.least_difference
+        or not inner_band.any()
+        or not outer_band.any()
+    ):
         return False
     step = float(grey[inner_band].mean() - grey[outer_band].mean())
     return step / mean >= MIRROR.outline
@@ -203,7 +209,7 @@ def _shows_mirror_image(
     # The end of a large object may have no structure itself, but an outline.
     has_outline = _has_outline(pictures[0] - ground.colours, part, free_ground)
     least_structure = -1.0 if has_outline else MIRROR.structure
-    height = round(np.count_nonzero(part.any(axis=1)) / MIRROR.near)
+    height = round(np.count_nonzero(part.any(axis=1)) / MIRROR.search_height)
     image, item = (
         _blur_within_part(picture.astype(np.float32) - ground.colours, part, height)[
             part
@@ -223,12 +229,13 @@ class _Ground:
     """Median deviation from these colours, 8-bit levels."""
 
 
-def _ground(below: Rgb, left: int, width: int) -> _Ground | None:
+def _ground(picture: Rgb, left: int, width: int) -> _Ground | None:
     """Return the ground below an object whose left column is `left`, or None if it is
     hidden.
     """
-    right, margin = left + width, _margin(width)
-    columns = np.arange(below.shape[1])
+    right = left + width
+    margin = _margin(width)
+    columns = np.arange(picture.shape[1])
     sides = [
         (columns < left - 4) & (columns >= left - margin - 4),
         (columns >= right + 4) & (columns < right + margin + 4),
@@ -236,12 +243,12 @@ def _ground(below: Rgb, left: int, width: int) -> _Ground | None:
     if min(int(side.sum()) for side in sides) < 4:
         return None
     # Each row of the ground has the median colours of both sides ...
-    rows = [np.median(below[:, side], axis=1) for side in sides]
+    rows = [np.median(picture[:, side], axis=1) for side in sides]
     way = np.clip((columns - left) / max(right - left, 1), 0, 1)[None, :, None]
     # ... interpolated across the object's width.
     colours = rows[0][:, None] * (1 - way) + rows[1][:, None] * way
     deviations = [
-        np.abs(below[:, side] - row[:, None])
+        np.abs(picture[:, side] - row[:, None])
         for side, row in zip(sides, rows, strict=True)
     ]
     texture = float(np.median(np.concatenate(deviations, axis=1)))
@@ -267,7 +274,7 @@ def _is_mirror_image(
     object.
     """
     strength = float(np.sqrt((image**2).mean()))
-    if strength < max(MIRROR.least, MIRROR.visible * texture):
+    if strength < max(MIRROR.least_difference, MIRROR.visible * texture):
         return False
     share = float((image * item).sum() / max((item**2).sum(), 1e-9))
     if not MIRROR.weakest <= share <= MIRROR.strongest:
@@ -279,7 +286,7 @@ def _is_mirror_image(
     return likeness >= MIRROR.likeness and structure >= least_structure
 
 
-def _correlation(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
+def _correlation(first: NDArray[np.float32], other: NDArray[np.float32]) -> float:
     """Return the cosine between two sets of differences (n, 3)."""
-    lengths = float((one**2).sum()) * float((other**2).sum())
-    return float((one * other).sum() / max(np.sqrt(lengths), 1e-9))
+    lengths = float((first**2).sum()) * float((other**2).sum())
+    return float((first * other).sum() / max(np.sqrt(lengths), 1e-9))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry.shadows import Silhouette
 from physgen.maps import F32
-from physgen.perceive.roles import Labels, Rgb, Shadows
+from physgen.perceive.roles import Labels, Mask, Rgb, Shadows
 from physgen.perceive.shadow.silhouettes import DARKEST
 from physgen.perceive.working_size import working_size
 from physgen.photometry import decode, encode_u8, luminance
@@ -73,14 +73,18 @@ def restore_size(
     """
     if reduced.scale == 1:
         return shadows
-    owners, clean_background, backdrop = shadows.owners, shadows.clean, shadows.backdrop
+    owners = shadows.owners
+    clean_background = shadows.clean_background
+    backdrop = shadows.backdrop
     if backdrop is not None:
         backdrop = round(backdrop * reduced.scale, 1)
     if clean_background is not None:
         clean_background = _lighten(background, reduced.background, clean_background)
     if owners is not None:
         owners = _enlarge_owners(owners, coverage)
-    return replace(shadows, clean=clean_background, owners=owners, backdrop=backdrop)
+    return replace(
+        shadows, clean_background=clean_background, owners=owners, backdrop=backdrop
+    )
 
 
 def _enlarge_owners(owners: Labels, coverage: F32) -> Labels | None:
@@ -88,7 +92,9 @@ def _enlarge_owners(owners: Labels, coverage: F32) -> Labels | None:
     size = coverage.shape[::-1]
     large = cv2.resize(owners, size, interpolation=cv2.INTER_NEAREST_EXACT)
     large[coverage >= 0.5] = 0
-    return np.asarray(large, np.uint16) if large.any() else None
+    if large.any():
+        return np.asarray(large, np.uint16)
+    return None
 
 
 @dataclass(frozen=True)
@@ -139,9 +145,8 @@ def _lighten(background: Rgb, small: Rgb, lifted: Rgb) -> Rgb:
     linear = decode(background[box.slices])
     levels = _log(luminance(linear))
     for channel in range(3):
-        slope_map, level_map = (
-            box.enlarge(line_map[..., channel]) for line_map in (slope, level)
-        )
+        slope_map = box.enlarge(slope[..., channel])
+        level_map = box.enlarge(level[..., channel])
         log_gain = np.maximum(slope_map * levels + level_map, 0)
         linear[..., channel] *= np.where(
             log_gain > VISIBLE, cv2.exp(log_gain), np.float32(1)
@@ -157,13 +162,13 @@ def _changed_box(gain: F32, shape: tuple[int, ...]) -> _Box | None:
     `gain` (h, w, 3) is small; `shape` is the full picture's.
     """
     height, width = shape[:2]
-    rows, columns = (
-        np.flatnonzero((np.abs(gain) > VISIBLE).any(axis=axes))
-        for axes in ((1, 2), (0, 2))
-    )
+    is_visible: Mask = np.asarray(np.abs(gain) > VISIBLE).any(axis=2)
+    rows = np.flatnonzero(is_visible.any(axis=1))
+    columns = np.flatnonzero(is_visible.any(axis=0))
     if not len(rows):
         return None
-    y_ratio, x_ratio = height / gain.shape[0], width / gain.shape[1]
+    y_ratio = height / gain.shape[0]
+    x_ratio = width / gain.shape[1]
     return _Box(
         max(int((columns[0] - GUIDE_SIDE) * x_ratio), 0),
         max(int((rows[0] - GUIDE_SIDE) * y_ratio), 0),

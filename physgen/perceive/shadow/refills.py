@@ -45,10 +45,10 @@ class RefillPlan:
 
     hole: Mask
     """(H, W): pieces beside a removed shadow."""
-    dark: Mask
+    unknown_mask: Mask
     """(H, W): all pixels behind objects, or too close to them to be measured."""
     pieces: NDArray[np.int32]
-    """(H, W): number of the nearest piece of `dark`."""
+    """(H, W): number of the nearest piece of `unknown_mask`."""
     shadows: Mask
     """(H, W): pixels beside objects with added light."""
     left: F32
@@ -89,18 +89,16 @@ def refill_background(
     hole. Then reflections of objects `standing` on a floor (H, W) are removed.
     """
     result = _refill_shadow(removed, background, coverage, inpaint)
-    return (
-        result
-        if standing is None
-        else remove_reflections(result, standing, coverage, inpaint)
-    )
+    if standing is None:
+        return result
+    return remove_reflections(result, standing, coverage, inpaint)
 
 
 def _refill_shadow(
     removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint
 ) -> Rgb:
     plan = plan_refill(removed, background, coverage)
-    old = np.where(plan.dark[..., None], background, removed)
+    old = np.where(plan.unknown_mask[..., None], background, removed)
     if not plan.hole.any():
         return old
     fill_result = inpaint(old, plan.hole)
@@ -129,11 +127,10 @@ def plan_refill(removed: Rgb, background: Rgb, coverage: F32) -> RefillPlan:
         | (closed_ring & near_shadow)
         | _dilate(deep_shadow.astype(np.uint8), 1)
     ) > 0
-    pieces = (
-        nearest_piece(unknown_mask)
-        if unknown_mask.any()
-        else np.zeros(unknown_mask.shape, np.int32)
-    )
+    if unknown_mask.any():
+        pieces = nearest_piece(unknown_mask)
+    else:
+        pieces = np.zeros(unknown_mask.shape, np.int32)
     piece_numbers = np.unique(pieces[unknown_mask & (near_shadow > 0)])
     hole = unknown_mask & np.isin(pieces, piece_numbers)
     return RefillPlan(hole, unknown_mask, pieces, shadows, np.asarray(left, np.float32))

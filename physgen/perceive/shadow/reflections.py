@@ -86,7 +86,10 @@ def remove_reflections(
     """
     images = _mirror_objects(labels)
     areas = np.bincount(labels.ravel())[1:]
-    size = float(np.median(areas[areas > 0]) ** 0.5) if areas.any() else 1.0
+    if areas.any():
+        size = float(np.median(areas[areas > 0]) ** 0.5)
+    else:
+        size = 1.0
     differences = _floor_differences(clean, images.labels == 0, coverage, size)
     reflections = _find_reflections(differences, images, coverage)
     if not reflections.any():
@@ -98,7 +101,8 @@ def remove_reflections(
 
 def _mirror_objects(labels: Labels) -> _MirrorImages:
     """Return the images of objects that stand on the floor, mirrored at their feet."""
-    images, foot_widths = np.zeros_like(labels), np.zeros(int(labels.max()) + 1)
+    images = np.zeros_like(labels)
+    foot_widths = np.zeros(int(labels.max()) + 1)
     for number in np.unique(labels[labels > 0]):
         object_mask = np.where(labels == number, number, 0).astype(labels.dtype)
         left, top, width, height = cv2.boundingRect((object_mask > 0).astype(np.uint8))
@@ -131,10 +135,11 @@ def _floor_differences(
     reaches = [(a * size, max(d * size, 0.7), gain) for a, d, gain in TUNING.reaches]
     single_kind = [np.ones_like(free)]
     logs = cv2.split(np.log(decode(clean) + REFLECTION.least_light))
-    rests = [
-        part - mean_of_kind(part, reference, single_kind, reaches, tiny=1e-12)
-        for part in logs
-    ]
+    rests = []
+    for part in logs:
+        rests.append(
+            part - mean_of_kind(part, reference, single_kind, reaches, tiny=1e-12)
+        )
     rests = [
         local_mean(rest * free, free, REFLECTION.blur, REFLECTION.blur)
         for rest in rests

@@ -55,13 +55,13 @@ class _Tuning:
     # Widths of the smoothing of gradients.
     widths: tuple[float, ...] = (0.03, 0.08)
     # Least visible share of the predicted gradients.
-    least_seen: float = 0.1
+    least_visible_share: float = 0.1
     # Confidence of a light from shading with full weight.
     well: float = 0.5
     # degrees: standard deviations of such a light at low and full confidence.
     deviation: tuple[float, float] = (20.0, 7.0)
     # Largest tested distance from that light: degrees, and standard deviations.
-    beyond: tuple[float, float] = (40.0, 2.5)
+    largest_deviation: tuple[float, float] = (40.0, 2.5)
     # Correlation that one standard deviation from that light must gain.
     pull: float = 0.02
     # Number of the largest objects or groups in the first search.
@@ -94,25 +94,27 @@ class LightGradients:
     # Width and height, px.
     size: tuple[int, int]
     # (h, w): 1 away from objects.
-    known: F32
+    known_weights: F32
     slopes: Sequence[tuple[float, F32, F32, F32]]
     """Per width: the width, px; the known share (h, w) within it; the gradients (h, w)
     of the logarithm of light in x and y.
     """
     silhouettes: Sequence[Silhouette]
     # The silhouettes, with neighbours side by side joined.
-    joined: Sequence[Silhouette]
+    groups: Sequence[Silhouette]
 
     @cached_property
-    def within(self) -> F32:
-        """Return `known` (h, w), eroded by one pixel."""
-        return np.asarray(cv2.erode(self.known, np.ones((3, 3), np.uint8)), np.float32)
+    def inner_weights(self) -> F32:
+        """Return `known_weights` (h, w), eroded by one pixel."""
+        return np.asarray(
+            cv2.erode(self.known_weights, np.ones((3, 3), np.uint8)), np.float32
+        )
 
     @property
     def telling(self) -> list[Silhouette]:
-        """Return the largest of `joined`; small ones cost as much and add little."""
-        areas = [silhouette.area for silhouette in self.joined]
-        return [self.joined[k] for k in np.argsort(areas)[::-1][: TUNING.telling]]
+        """Return the largest of `groups`; small ones cost as much and add little."""
+        areas = [silhouette.area for silhouette in self.groups]
+        return [self.groups[k] for k in np.argsort(areas)[::-1][: TUNING.telling]]
 
     def agreement(self, model: F32) -> tuple[float, float]:
         """Return the correlation of measured and predicted gradients, and their ratio.
@@ -127,11 +129,9 @@ class LightGradients:
         factors = [
             product / max(model_energy, 1e-9) for product, model_energy, _ in sums
         ]
-        return (
-            (sum(correlations) / len(sums), sum(factors) / len(sums))
-            if sums
-            else (0.0, 0.0)
-        )
+        if sums:
+            return (sum(correlations) / len(sums), sum(factors) / len(sums))
+        return (0.0, 0.0)
 
     def _sums(self, model: F32) -> list[tuple[float, float, float]]:
         """Return, per width, products and squares of predicted and measured gradients.
@@ -142,8 +142,8 @@ class LightGradients:
         part = self._window(model)
         if part is None:
             return []
-        shadows = np.minimum(model[part], 2.5) * self.known[part]
-        inner_weights = self.within[part]
+        shadows = np.minimum(model[part], 2.5) * self.known_weights[part]
+        inner_weights = self.inner_weights[part]
         result = []
         for width, known_share, right, down in self.slopes:
             dy, dx = np.gradient(
@@ -153,7 +153,7 @@ class LightGradients:
             energy = np.asarray(dx * dx + dy * dy, np.float32)
             weight = inner_weights * _near_edges(energy, inner_weights)
             model_energy = float((weight * energy).sum())
-            if model_energy <= TUNING.least_seen * float(energy.sum()):
+            if model_energy <= TUNING.least_visible_share * float(energy.sum()):
                 return []
             product = -float((weight * (dx * right[part] + dy * down[part])).sum())
             photo_energy = weight * (right[part] ** 2 + down[part] ** 2)
@@ -167,8 +167,10 @@ class LightGradients:
         if len(rows) < 2 or len(columns) < 2:
             return None
         pad = int(3 * self.slopes[-1][0]) + 4
-        top, left = max(int(rows[0]) - pad, 0), max(int(columns[0]) - pad, 0)
-        bottom, right = int(rows[-1]) + pad + 1, int(columns[-1]) + pad + 1
+        top = max(int(rows[0]) - pad, 0)
+        left = max(int(columns[0]) - pad, 0)
+        bottom = int(rows[-1]) + pad + 1
+        right = int(columns[-1]) + pad + 1
         return slice(top, bottom), slice(left, right)
 
 
@@ -186,14 +188,15 @@ def light_gradients(
     background: Rgb,
     coverage: F32,
     longest: int,
-    at: Callable[[float], Sequence[Silhouette]],
+    silhouettes_at: Callable[[float], Sequence[Silhouette]],
 ) -> LightGradients | None:
-    """Return the photo at a scale, or None without silhouettes; `at` gives them."""
+    """Return the photo at a scale, or None without silhouettes; `silhouettes_at` gives them."""
     scale = max(max(background.shape[:2]) / longest, 1.0)
-    silhouettes = at(scale)
+    silhouettes = silhouettes_at(scale)
     if not silhouettes:
         return None
-    h, w = (max(1, round(n / scale)) for n in background.shape[:2])
+    h = max(1, round(background.shape[0] / scale))
+    w = max(1, round(background.shape[1] / scale))
     light = np.log(luminance(decode(background)) + DARKEST)
     open_ = away_from_objects(coverage).astype(np.float32)
     share = np.asarray(
@@ -205,9 +208,9 @@ def light_gradients(
     small = np.asarray(small / np.maximum(share, 0.05), np.float32)
     known_weights = np.asarray(share * (share > 0.5), np.float32)
     size = typical_size(silhouettes)
-    slopes = [
-        _slopes(small, known_weights, max(part * size, 1.0)) for part in TUNING.widths
-    ]
+    slopes = []
+    for part in TUNING.widths:
+        slopes.append(_slopes(small, known_weights, max(part * size, 1.0)))
     return LightGradients(
         scale, (w, h), known_weights, slopes, silhouettes, join_silhouettes(silhouettes)
     )
@@ -242,7 +245,7 @@ class LightFit:
     # Ratio of measured and predicted darkness, as logarithms.
     factor: float
     # The same if the shadows of objects side by side are added.
-    each: float = 1.0
+    single_factor: float = 1.0
 
 
 def search_light(
@@ -276,7 +279,8 @@ def search_light(
     )
     # Repeat the steps while they still improve the fit.
     for _ in range(2):
-        before, best = best, climb(k, best)
+        before = best
+        best = climb(k, best)
         if best.likeness < before.likeness + 0.005:
             break
     return k, best
@@ -321,7 +325,9 @@ def deviation_penalty(light: DistantLight, guess: LightGuess) -> float:
         a * b for a, b in zip(light.direction, guess.light.direction, strict=True)
     )
     angle = degrees(acos(min(max(cosine, -1.0), 1.0)))
-    if angle > min(TUNING.beyond[0], TUNING.beyond[1] * deviation):
+    if angle > min(
+        TUNING.largest_deviation[0], TUNING.largest_deviation[1] * deviation
+    ):
         return inf
     return TUNING.pull * (angle / deviation) ** 2
 
@@ -335,8 +341,8 @@ def refine_light(
     """
     telling = fine.telling
 
-    def rate(where: ShadowSetting) -> LightFit:
-        return _rate_setting(fine, telling, where, guess)
+    def rate(candidate: ShadowSetting) -> LightFit:
+        return _rate_setting(fine, telling, candidate, guess)
 
     fit = rate(setting)
     for step, times in ((0.12, 1), (0.06, 2), (0.03, 1)):
@@ -351,7 +357,7 @@ def refine_light(
     if fit.likeness == -inf:
         return fit
     return LightFit(
-        fit.setting, *fine.agreement(predicted_darkness(fine.joined, fit.setting))
+        fit.setting, *fine.agreement(predicted_darkness(fine.groups, fit.setting))
     )
 
 
@@ -387,7 +393,8 @@ def _turn_light(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
     radians.
     """
     x, y, z = setting.light.direction
-    turn, rise = atan2(z, x), asin(min(max(-y, -1.0), 1.0))
+    turn = atan2(z, x)
+    rise = asin(min(max(-y, -1.0), 1.0))
     for turn_step, rise_step in (
         (step, 0),
         (-step, 0),
@@ -396,7 +403,8 @@ def _turn_light(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
         (step, -step),
         (-step, -step),
     ):
-        a, e = turn + turn_step / max(cos(rise), 0.3), rise + rise_step
+        a = turn + turn_step / max(cos(rise), 0.3)
+        e = rise + rise_step
         if sin(e) > 0.1 and e < pi / 2:
             yield with_direction(setting, (cos(e) * cos(a), -sin(e), cos(e) * sin(a)))
 
@@ -454,7 +462,7 @@ class WallShadow:
     # -log of the remaining light.
     factor: float = 0.0
     # px: standard deviation of the shadows' edges.
-    soft: float = 0.0
+    blur: float = 0.0
 
     def convincing(self, count: int) -> bool:
         """Return whether the likeness suffices for `count` objects.
@@ -466,7 +474,7 @@ class WallShadow:
 
 
 def cast_on_wall(
-    what: Silhouette, shadow: WallShadow, scale: float, size: tuple[int, int]
+    silhouette: Silhouette, shadow: WallShadow, scale: float, size: tuple[int, int]
 ) -> F32:
     """Return the coverage (h, w) of the wall by a shadow, on a picture of `size` (w,
     h).
@@ -478,12 +486,13 @@ def cast_on_wall(
     for k in (0, 1):
         matrix[k, k] = shadow.size
         matrix[k, 2] = (
-            shadow.size * (what.corner[k] - middle[k])
+            shadow.size * (silhouette.corner[k] - middle[k])
             + middle[k]
             + shadow.shift[k] / scale
         )
     return np.asarray(
-        cv2.warpAffine(what.coverage, matrix, size, flags=cv2.INTER_LINEAR), np.float32
+        cv2.warpAffine(silhouette.coverage, matrix, size, flags=cv2.INTER_LINEAR),
+        np.float32,
     )
 
 
@@ -503,13 +512,14 @@ def wall_coverage(
 def refine_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallShadow:
     """Return a wall shadow after smaller steps on a finer picture, with soft edges."""
     first_blur = gradients.slopes[0][0] * gradients.scale
-    best = _rate_wall_shadow(gradients, replace(shadow, soft=first_blur))
+    best = _rate_wall_shadow(gradients, replace(shadow, blur=first_blur))
     for step in (4.0, 2.0, 1.0):
-        shifts, blurs = _shift_steps(best, step), _blur_steps(best)
+        shifts = _shift_steps(best, step)
+        blurs = _blur_steps(best)
         tries = [*shifts, *_size_steps(best, 0.01 * step), *blurs]
         for _ in range(2):
-            fits = [_rate_wall_shadow(gradients, one) for one in tries]
-            best = max([best, *fits], key=lambda one: one.likeness)
+            fits = [_rate_wall_shadow(gradients, candidate) for candidate in tries]
+            best = max([best, *fits], key=lambda fit: fit.likeness)
             tries = [*_shift_steps(best, step), *_blur_steps(best)]
     return best
 
@@ -519,7 +529,7 @@ def _rate_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallShad
     model = wall_coverage(
         gradients.silhouettes, shadow, gradients.scale, gradients.size
     )
-    blur = shadow.soft / gradients.scale
+    blur = shadow.blur / gradients.scale
     if blur >= 0.3:
         model = np.asarray(cv2.GaussianBlur(model, (0, 0), blur), np.float32)
     likeness, factor = gradients.agreement(model)
@@ -528,10 +538,10 @@ def _rate_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallShad
 
 def _shift_steps(shadow: WallShadow, step: float) -> list[WallShadow]:
     dx, dy = shadow.shift
-    return [
-        replace(shadow, shift=(dx + a * step, dy + b * step))
-        for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
-    ]
+    result: list[WallShadow] = []
+    for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        result.append(replace(shadow, shift=(dx + a * step, dy + b * step)))
+    return result
 
 
 def _size_steps(shadow: WallShadow, step: float) -> list[WallShadow]:
@@ -540,8 +550,8 @@ def _size_steps(shadow: WallShadow, step: float) -> list[WallShadow]:
 
 def _blur_steps(shadow: WallShadow) -> list[WallShadow]:
     return [
-        replace(shadow, soft=shadow.soft * 1.5),
-        replace(shadow, soft=shadow.soft / 1.5),
+        replace(shadow, blur=shadow.blur * 1.5),
+        replace(shadow, blur=shadow.blur / 1.5),
     ]
 
 
@@ -619,7 +629,7 @@ def _shift_search(gradients: LightGradients) -> _ShiftSearch | None:
     Gradients steeper than a percentile are edges of objects and are clipped to it.
     """
     _, known_share, right, down = gradients.slopes[-1]
-    inner_weights = cv2.erode(gradients.known, np.ones((3, 3), np.uint8)) * (
+    inner_weights = cv2.erode(gradients.known_weights, np.ones((3, 3), np.uint8)) * (
         known_share > 0.3
     )
     steepness = np.hypot(right, down)
@@ -629,7 +639,8 @@ def _shift_search(gradients: LightGradients) -> _ShiftSearch | None:
     cut = np.minimum(
         1, np.percentile(free, TUNING.steepest) / np.maximum(steepness, 1e-6)
     )
-    right, down = inner_weights * right * cut, inner_weights * down * cut
+    right = inner_weights * right * cut
+    down = inner_weights * down * cut
     shape = (
         cv2.getOptimalDFTSize(2 * gradients.size[1]),
         cv2.getOptimalDFTSize(2 * gradients.size[0]),

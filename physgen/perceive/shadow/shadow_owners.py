@@ -63,7 +63,8 @@ def _strongest(
     """Return the object (H, W) that blocks most light, and -log of the remaining
     light.
     """
-    owner, strongest = np.zeros(shape, np.uint16), np.zeros(shape, np.float32)
+    owner = np.zeros(shape, np.uint16)
+    strongest = np.zeros(shape, np.float32)
     for number, (x0, y0, x1, y1), values in casts:
         part = np.s_[y0:y1, x0:x1]
         is_stronger = values > np.maximum(strongest[part], PREDICTED)
@@ -78,20 +79,18 @@ def removed_light(background: Rgb, clean: Rgb, coverage: F32) -> F32:
     Directly beside objects, where none is removed, the missing light counts: contact
     shadows lie there.
     """
-    logs = [
-        np.log(luminance(decode(picture)) + DARKEST) for picture in (clean, background)
-    ]
+    logs = []
+    for picture in (clean, background):
+        logs.append(np.log(luminance(decode(picture)) + DARKEST))
     free = away_from_objects(coverage).astype(np.float32)
     known_share = np.maximum(cv2.GaussianBlur(free, (0, 0), SMOOTH), 1e-2)
-    log_gain, level = (
-        cv2.GaussianBlur(part.astype(np.float32) * free, (0, 0), SMOOTH) / known_share
-        for part in (logs[0] - logs[1], logs[0])
-    )
-    contact = np.where(
-        (free == 0) & (known_share > 0.05),
-        level - cv2.GaussianBlur(logs[1], (0, 0), 0.7),
-        0,
-    )
+    free_gain = (logs[0] - logs[1]).astype(np.float32) * free
+    log_gain = cv2.GaussianBlur(free_gain, (0, 0), SMOOTH) / known_share
+    free_light = logs[0].astype(np.float32) * free
+    level = cv2.GaussianBlur(free_light, (0, 0), SMOOTH) / known_share
+    is_beside = (free == 0) & (known_share > 0.05)
+    missing_light = level - cv2.GaussianBlur(logs[1], (0, 0), 0.7)
+    contact = np.where(is_beside, missing_light, 0)
     return np.asarray(np.maximum(log_gain, contact), np.float32)
 
 

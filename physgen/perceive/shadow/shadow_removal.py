@@ -92,10 +92,8 @@ def remove_shadows(
     """
     free = away_from_objects(coverage).astype(np.float32)
     shadow_mask = predicted > 0.01
-    rows, columns = (
-        np.flatnonzero(shadow_mask.any(axis=1)),
-        np.flatnonzero(shadow_mask.any(axis=0)),
-    )
+    rows = np.flatnonzero(shadow_mask.any(axis=1))
+    columns = np.flatnonzero(shadow_mask.any(axis=0))
     if not len(rows):
         return background
     pad = int(4 * size)
@@ -120,7 +118,8 @@ def _not_brighter(lifted: Rgb, background: Rgb, clean: F32) -> Rgb:
 
     It stays at least as bright as the `background`, and keeps its grain.
     """
-    light, before = decode(lifted), decode(background)
+    light = decode(lifted)
+    before = decode(background)
     levels = [cv2.GaussianBlur(part, (0, 0), LEVEL_REACH) for part in (clean, light)]
     gain = np.minimum(levels[0] / np.maximum(levels[1], DARKEST), 1)
     limited_light = np.maximum(light * gain, before).astype(np.float32)
@@ -134,11 +133,9 @@ def lighten(background: Rgb, dark: F32, clean: F32, free: F32) -> Rgb:
     The surfaces are `clean` (h, w, 3) in full light. The blocked light has one colour,
     which is measured where the background is `free` (h, w).
     """
-    linear, blocked_share, in_shadow = (
-        decode(background),
-        1 - np.exp(-dark),
-        dark > 1e-3,
-    )
+    linear = decode(background)
+    blocked_share = 1 - np.exp(-dark)
+    in_shadow = dark > 1e-3
     left = 1 - blocked_share[..., None] * _tint(linear, clean, blocked_share, free)
     light = linear / np.maximum(left, 0.04)
     limit = np.maximum(linear, _brightest_ground(linear, clean, free * (dark < FAINT)))
@@ -168,9 +165,9 @@ def edge_ratio(background: Rgb, clean: Rgb, coverage: F32) -> float:
     and 1 without a change.
     """
     free = away_from_objects(coverage, 3)
-    logs = [
-        np.log(luminance(decode(picture)) + DARKEST) for picture in (background, clean)
-    ]
+    logs = []
+    for picture in (background, clean):
+        logs.append(np.log(luminance(decode(picture)) + DARKEST))
     changed_region = (
         cv2.dilate(
             (np.abs(logs[1] - logs[0]) > 0.02).astype(np.uint8),
@@ -190,7 +187,9 @@ def edge_ratio(background: Rgb, clean: Rgb, coverage: F32) -> float:
         )
         sums.append(float(np.hypot(*slopes)[changed_region & free].sum()))
     before, after = sums
-    return after / before if before > 0 else 1.0
+    if before > 0:
+        return after / before
+    return 1.0
 
 
 @dataclass(frozen=True)
@@ -315,7 +314,8 @@ class _Removal:
         A dark patch that is partly predicted is a shadow in its whole shape: use the
         measured depth at its edge and a smooth depth inside.
         """
-        size, missing_light = self.size, measurement.missing_light
+        size = self.size
+        missing_light = measurement.missing_light
         depth = cv2.distanceTransform(measurement.patches, cv2.DIST_L2, 3)
         inside = np.clip((depth - TUNING.rim) / 2, 0, 1).astype(np.float32)
         smooth_depth = local_mean(
@@ -339,10 +339,9 @@ class _Removal:
 
     def _level(self, values: F32, plain: F32, kinds: Sequence[F32]) -> F32:
         """Return the mean (h, w) of similar surfaces nearby, mainly along the rows."""
-        reaches = [
-            (a * self.size, max(d * self.size, 0.7), gain)
-            for a, d, gain in TUNING.reaches
-        ]
+        reaches = []
+        for a, d, gain in TUNING.reaches:
+            reaches.append((a * self.size, max(d * self.size, 0.7), gain))
         return mean_of_kind(values, plain, kinds, reaches, tiny=1e-12)
 
     def _reach(self) -> F32:
@@ -393,9 +392,7 @@ def _tint(linear: F32, clean: F32, gone: F32, free: F32) -> F32:
     measured_mask = (gone > 0.2) & (free > 0) & (clean.min(axis=2) > 5e-3)
     if np.count_nonzero(measured_mask) < 100:
         return np.ones(3, np.float32)
-    channel_loss, total_loss = (
-        1 - linear[measured_mask] / clean[measured_mask],
-        gone[measured_mask][:, None],
-    )
+    channel_loss = 1 - linear[measured_mask] / clean[measured_mask]
+    total_loss = gone[measured_mask][:, None]
     share = (channel_loss * total_loss).sum(axis=0) / (total_loss * total_loss).sum()
     return np.asarray(np.clip(share, *TUNING.tint), np.float32)

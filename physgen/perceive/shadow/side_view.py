@@ -66,16 +66,16 @@ class _Limits:
     """Limits of accepted and removed shadows; depths are -log of light."""
 
     # Least correlation of gradients for shadows on a floor ...
-    alike: float = 0.5
-    # ... and least sum of that correlation and `deep` times the depth, up to a depth of
+    least_likeness: float = 0.5
+    # ... and least sum of that correlation and `depth_weight` times the depth, up to a depth of
     # one.
-    sure: float = 0.75
-    deep: float = 0.3
+    least_score: float = 0.75
+    depth_weight: float = 0.3
     # Largest share of the gradients of light after removal, because a shadow's edges
     # disappear with it.
-    calm: float = 0.92
+    removal_share: float = 0.92
     # Up to this share there are shadows, although they lie too far off to be removed.
-    seen: float = 1.0
+    visible_share: float = 1.0
     # Share above which shade without a light is tried as well ...
     doubtful: float = 0.7
     # ... and the largest ratio of its share to that of the light, by eye on a toy car
@@ -90,11 +90,11 @@ class _Limits:
     # Share of direct light if only shade is known.
     direct: float = 0.05
     # degrees: angular radius of that light.
-    soft: float = 40.0
+    light_radius: float = 40.0
     # Confidence of that light.
     unknown: float = 0.3
     # px: longer side of the picture for the search of shadows on a wall.
-    rough: int = 240
+    wall_side: int = 240
 
 
 LIMITS = _Limits()
@@ -108,29 +108,29 @@ class _Photo:
     of the photo.
     """
 
-    reduced: ReducedPhoto
+    reduced_photo: ReducedPhoto
     labels: Labels
     objects: Sequence[PhotoObject]
     matter: Mapping[int, Matter]
     boundaries: BoundaryGuess
-    made: dict[tuple[int, float | None], LightGradients | None] = field(
+    gradient_cache: dict[tuple[int, float | None], LightGradients | None] = field(
         default_factory=dict
     )
 
     @property
     def size(self) -> tuple[int, int]:
         """Return width and height of the reduced background, px."""
-        return self.reduced.size
+        return self.reduced_photo.size
 
     @property
     def background(self) -> Rgb:
         """Return the background (h, w, 3)."""
-        return self.reduced.background
+        return self.reduced_photo.background
 
     @property
     def coverage(self) -> F32:
         """Return the coverage (h, w)."""
-        return self.reduced.coverage
+        return self.reduced_photo.coverage
 
     def silhouettes(self, scale: float, floor: float | None = None) -> list[Silhouette]:
         """Return silhouettes at 1 / `scale` of the size; `floor` is a row of the
@@ -144,7 +144,7 @@ class _Photo:
             self.boundaries,
             floor=floor,
         )
-        return silhouettes_at(scale * self.reduced.scale)
+        return silhouettes_at(scale * self.reduced_photo.scale)
 
     def gradients(
         self, longest: int, floor: float | None = None
@@ -152,13 +152,13 @@ class _Photo:
         """Return the gradients of a picture with a longer side of `longest` px,
         cached.
         """
-        if (longest, floor) not in self.made:
+        if (longest, floor) not in self.gradient_cache:
             silhouettes_at = partial(self.silhouettes, floor=floor)
             result = light_gradients(
                 self.background, self.coverage, longest, silhouettes_at
             )
-            self.made[longest, floor] = result
-        return self.made[longest, floor]
+            self.gradient_cache[longest, floor] = result
+        return self.gradient_cache[longest, floor]
 
 
 def side_view_shadows(
@@ -182,12 +182,12 @@ def side_view_shadows(
         _reduced_shadows(photo, guess), reduced_photo, background, coverage
     )
     ratio = 1.0
-    if shadows.clean is not None:
-        ratio = edge_ratio(background, shadows.clean, coverage)
+    if shadows.clean_background is not None:
+        ratio = edge_ratio(background, shadows.clean_background, coverage)
     if ratio > LIMITS.doubtful:
         shade = shade_without_light(background, coverage, labels, objects)
     # A doubtful light remains if shade without a light does not explain far more edges.
-    if shade is not None and shadows.clean is not None:
+    if shade is not None and shadows.clean_background is not None:
         shade_ratio = edge_ratio(background, shade[0], coverage)
         shade = shade if shade_ratio < LIMITS.clearer * ratio else None
     if shade is not None:
@@ -221,7 +221,8 @@ def shade_without_light(
 
 def _reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:
     """Return the shadows of the reduced photo."""
-    background, coverage = photo.background, photo.coverage
+    background = photo.background
+    coverage = photo.coverage
     result = Shadows(None, None, guess.light, 4.0, 4.0, None, 0.0)
     gradients = photo.gradients(COARSE)
     if gradients is None:
@@ -239,11 +240,13 @@ def _reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:
         )
         # Removal must also remove edges; new edges mean that the light is wrong.
         ratio = edge_ratio(background, clean_background, coverage)
-        if ratio <= LIMITS.seen and (ratio <= LIMITS.calm or result.owners is None):
+        if ratio <= LIMITS.visible_share and (
+            ratio <= LIMITS.removal_share or result.owners is None
+        ):
             casts = _casts(silhouettes, fit, wall, photo.size)
             owners = shadow_owners(background, clean_background, coverage, casts)
             result = replace(result, owners=owners)
-        if ratio <= LIMITS.calm:
+        if ratio <= LIMITS.removal_share:
             return _describe_light(
                 photo, _light(fit, wall, guess, photo.size), clean_background, result
             )
@@ -298,7 +301,9 @@ def _soft_light(
     light = DistantLight(guess.light.direction, FULL * direct, FULL * (1 - direct))
     if tilt is None:
         tilt = round(degrees(atan(TILT)), 1)
-    return Shadows(clean, owners, light, LIMITS.soft, tilt, None, LIMITS.unknown)
+    return Shadows(
+        clean, owners, light, LIMITS.light_radius, tilt, None, LIMITS.unknown
+    )
 
 
 def _with_known_tilt(setting: ShadowSetting, angle: float | None) -> ShadowSetting:
@@ -323,7 +328,7 @@ def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
         return None
     silhouettes_at = partial(photo.silhouettes, floor=bottom)
     shade = find_ambient_shade(
-        photo.background, photo.coverage, silhouettes_at, from_above=False
+        photo.background, photo.coverage, silhouettes_at, is_top_view=False
     )
     if shade is None:
         return None
@@ -332,10 +337,10 @@ def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
     model_darkness = _predict_shadow_darkness(silhouettes, fit, None, photo.size)
     # A surface that is not darker at the predicted place lies in no shade, and no ground
     # becomes brighter than similar ground without shade.
-    agreement = np.where(photo.coverage > 0, 1, np.clip(shade.missing / FAINT, 0, 1))
+    agreement = np.where(photo.coverage > 0, 1, np.clip(shade.depth / FAINT, 0, 1))
     prediction = np.minimum(
         model_darkness * agreement,
-        np.maximum(np.where(photo.coverage > 0, model_darkness, shade.missing), 0),
+        np.maximum(np.where(photo.coverage > 0, model_darkness, shade.depth), 0),
     )
     clean_background = remove_shadows(
         photo.background,
@@ -344,9 +349,12 @@ def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
         typical_size(silhouettes),
         is_soft=True,
     )
-    if edge_ratio(photo.background, clean_background, photo.coverage) > LIMITS.seen:
+    if (
+        edge_ratio(photo.background, clean_background, photo.coverage)
+        > LIMITS.visible_share
+    ):
         return None
-    owner_depth = np.where(model_darkness > PREDICTED, shade.missing, 0).astype(
+    owner_depth = np.where(model_darkness > PREDICTED, shade.depth, 0).astype(
         np.float32
     )
     owners = shadow_owners_by_model(
@@ -356,7 +364,8 @@ def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
     # Shade all around an object does not depend on the tilt.
     if tilt is None:
         tilt = round(degrees(atan(shade.setting.tilt)), 1)
-    softness, confidence = shade.setting.softness, shade.confidence
+    softness = shade.setting.softness
+    confidence = shade.confidence
     return Shadows(
         clean_background, owners, guess.light, softness, tilt, None, confidence
     )
@@ -383,7 +392,7 @@ def _predict_shadow_darkness(
 
 def _blur_wall_shadow(coverage: F32, wall: WallShadow) -> F32:
     return np.asarray(
-        cv2.GaussianBlur(coverage, (0, 0), max(wall.soft, 0.5)), np.float32
+        cv2.GaussianBlur(coverage, (0, 0), max(wall.blur, 0.5)), np.float32
     )
 
 
@@ -422,7 +431,7 @@ def _floor_fit(
     floors: list[float | None] = [None]
     lowest = lowest_floor(photo.boundaries)
     if lowest is not None:
-        row = lowest / (given.scale * photo.reduced.scale)
+        row = lowest / (given.scale * photo.reduced_photo.scale)
         has_other_floor = any(
             s.floor is None or abs(s.floor - row) > 2 for s in given.silhouettes
         )
@@ -436,30 +445,37 @@ def _floor_fit(
     fit = refine_light(
         fine_gradients, replace(coarse_fit.setting, size=fine_gradients.size), guess
     )
-    if not _is_sure(fine_gradients, fit):
+    if not _is_convincing(fine_gradients, fit):
         return None, floors[k]
     single_factor = fit.factor
-    if len(fine_gradients.joined) < len(fine_gradients.silhouettes):
+    if len(fine_gradients.groups) < len(fine_gradients.silhouettes):
         _, single_factor = fine_gradients.agreement(
             predicted_darkness(fine_gradients.silhouettes, fit.setting)
         )
     return replace(
-        fit, setting=replace(fit.setting, size=photo.size), each=single_factor
+        fit, setting=replace(fit.setting, size=photo.size), single_factor=single_factor
     ), floors[k]
 
 
-def _is_sure(fine: LightGradients, fit: LightFit) -> bool:
+def _is_convincing(gradients: LightGradients, fit: LightFit) -> bool:
     """Return whether the fit is good and dark enough for real shadows."""
-    model = predicted_darkness(fine.joined, fit.setting) * fine.known
+    model = predicted_darkness(gradients.groups, fit.setting) * gradients.known_weights
     depths = model[model > 0.02]
-    depth = fit.factor * float(np.percentile(depths, 95)) if depths.size else 0.0
-    confident = fit.likeness + LIMITS.deep * min(depth, 1.0) > LIMITS.sure
-    return depth > LIMITS.faintest and fit.likeness > LIMITS.alike and confident
+    if depths.size:
+        depth = fit.factor * float(np.percentile(depths, 95))
+    else:
+        depth = 0.0
+    confident = (
+        fit.likeness + LIMITS.depth_weight * min(depth, 1.0) > LIMITS.least_score
+    )
+    return (
+        depth > LIMITS.faintest and fit.likeness > LIMITS.least_likeness and confident
+    )
 
 
 def _wall_shadow(photo: _Photo) -> WallShadow | None:
     """Return the shadows on a wall behind, or None if none are visible."""
-    coarse_gradients = photo.gradients(LIMITS.rough)
+    coarse_gradients = photo.gradients(LIMITS.wall_side)
     wall = None if coarse_gradients is None else find_wall_shadow(coarse_gradients)
     if (
         coarse_gradients is None
@@ -469,7 +485,9 @@ def _wall_shadow(photo: _Photo) -> WallShadow | None:
         return None
     fine_gradients = photo.gradients(FINE)
     wall = wall if fine_gradients is None else refine_wall_shadow(fine_gradients, wall)
-    return wall if wall.factor > LIMITS.faintest else None
+    if wall.factor > LIMITS.faintest:
+        return wall
+    return None
 
 
 def _light(
@@ -483,7 +501,7 @@ def _light(
         assert wall is not None
         return _light_of_wall(wall, guess, size), wall.likeness
     facing = (0.0, -1.0, 0.0)
-    share = 1 - (1 - min(fit.setting.direct(facing), 0.98)) ** fit.each
+    share = 1 - (1 - min(fit.setting.direct(facing), 0.98)) ** fit.single_factor
     setting = _with_share(fit.setting, facing, share)
     if wall is None:
         return setting, fit.likeness
@@ -515,7 +533,7 @@ def _light_of_wall(
     a, b, c = (direction / np.linalg.norm(direction)).tolist()
     distance = back / max(c, 0.2) * float(np.hypot(1, 0.5 * hypot(a, b) / max(c, 0.2)))
     softness = min(
-        max(degrees(atan(2 * max(wall.soft - 0.35, 0.0) / distance)), 0.3), 45.0
+        max(degrees(atan(2 * max(wall.blur - 0.35, 0.0) / distance)), 0.3), 45.0
     )
     setting = ShadowSetting(
         DistantLight((a, b, c), 1.0, 0.2), softness, False, TILT, back, size

@@ -49,11 +49,10 @@ def object_silhouettes(
     Each stands above the highest boundary below it, or above `floor`, a row of the
     photo, if it is given.
     """
-    grounds = [
-        (np.array(a) / scale, np.array(b) / scale)
-        for wall in boundaries.walls
-        for a, b in zip(wall.points[:-1], wall.points[1:], strict=True)
-    ]
+    grounds = []
+    for wall in boundaries.walls:
+        for a, b in zip(wall.points[:-1], wall.points[1:], strict=True):
+            grounds.append((np.array(a) / scale, np.array(b) / scale))
     result = []
     sizes = {t.id: mass_properties(t.outline).area for t in objects}
     for item in sorted(objects, key=lambda t: -sizes[t.id])[:MOST]:
@@ -61,17 +60,23 @@ def object_silhouettes(
         if coverage is None:
             continue
         x, y = (mass_properties(item.outline).center / scale).tolist()
-        radius = item.outline.radius / scale if isinstance(item.outline, Disc) else None
+        if isinstance(item.outline, Disc):
+            radius = item.outline.radius / scale
+        else:
+            radius = None
         ball = radius is not None and matter[item.id].solid is Solid.SPHERE
         bottom = bounds(item.outline)[3] / scale - 0.5
-        floor_row = _row_below(grounds, x, bottom) if floor is None else floor / scale
+        if floor is None:
+            floor_row = _row_below(grounds, x, bottom)
+        else:
+            floor_row = floor / scale
         result.append(
             Silhouette(
                 *coverage,
                 (x, y),
                 radius if ball else None,
                 _thickness(
-                    item, scale, from_above=boundaries.view is View.TOP, ball=ball
+                    item, scale, is_top_view=boundaries.view is View.TOP, ball=ball
                 ),
                 floor_row,
                 id=item.id,
@@ -87,8 +92,10 @@ def _reduced_coverage(
     corner there; None if the object is hidden.
     """
     x0, y0, x1, y1 = bounds(item.outline)
-    a, b = max(int(x0) - 2, 0), max(int(y0) - 2, 0)
-    c, d = min(ceil(x1) + 3, labels.shape[1]), min(ceil(y1) + 3, labels.shape[0])
+    a = max(int(x0) - 2, 0)
+    b = max(int(y0) - 2, 0)
+    c = min(ceil(x1) + 3, labels.shape[1])
+    d = min(ceil(y1) + 3, labels.shape[0])
     mask = (labels[b:d, a:c] == item.id).astype(np.float32)
     if not mask.any():
         return None
@@ -101,13 +108,16 @@ def _reduced_coverage(
         ]
     )
     # Blur before sampling, so that a reduced mask has no aliasing.
-    smooth_mask = cv2.GaussianBlur(mask, (0, 0), 0.4 * scale) if scale > 1.2 else mask
+    if scale > 1.2:
+        smooth_mask = cv2.GaussianBlur(mask, (0, 0), 0.4 * scale)
+    else:
+        smooth_mask = mask
     small = cv2.warpAffine(smooth_mask, matrix, size, flags=cv2.INTER_LINEAR)
     return np.asarray(small, np.float32), corner
 
 
 def _thickness(
-    item: PhotoObject, scale: float, *, from_above: bool, ball: bool
+    item: PhotoObject, scale: float, *, is_top_view: bool, ball: bool
 ) -> float:
     """Return an object's thickness, px of the reduced picture.
 
@@ -119,7 +129,7 @@ def _thickness(
     else:
         x0, y0, x1, y1 = bounds(item.outline)
         thickness = 0.9 * ((x1 - x0) / scale * ((y1 - y0) / scale)) ** 0.5
-    if from_above and not ball:
+    if is_top_view and not ball:
         thickness *= 0.4 if is_disc else 0.6
     return thickness
 
@@ -135,7 +145,7 @@ def join_silhouettes(silhouettes: Sequence[Silhouette]) -> list[Silhouette]:
         (w for w in silhouettes if w.radius is None), key=lambda w: w.thickness
     ):
         for group in groups:
-            if _are_alike(group[0], silhouette):
+            if _can_join(group[0], silhouette):
                 group.append(silhouette)
                 break
         else:
@@ -160,10 +170,12 @@ def _union(group: Sequence[Silhouette]) -> Silhouette:
     )
 
 
-def _are_alike(one: Silhouette, other: Silhouette) -> bool:
-    if one.floor is None or other.floor is None:
+def _can_join(first: Silhouette, other: Silhouette) -> bool:
+    if first.floor is None or other.floor is None:
         return False
-    return abs(one.floor - other.floor) < 1 and other.thickness < 1.5 * one.thickness
+    return (
+        abs(first.floor - other.floor) < 1 and other.thickness < 1.5 * first.thickness
+    )
 
 
 def lowest_floor(boundaries: BoundaryGuess) -> float | None:
@@ -172,13 +184,12 @@ def lowest_floor(boundaries: BoundaryGuess) -> float | None:
 
     Returns None if there is none.
     """
-    rows = [
-        max(p[1], q[1])
-        for wall in boundaries.walls
-        if wall.name != "bottom"
-        for p, q in zip(wall.points[:-1], wall.points[1:], strict=True)
-        if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1])
-    ]
+    rows = []
+    for wall in boundaries.walls:
+        if wall.name != "bottom":
+            for p, q in zip(wall.points[:-1], wall.points[1:], strict=True):
+                if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1]):
+                    rows.append(max(p[1], q[1]))
     return max(rows, default=None)
 
 
@@ -186,19 +197,21 @@ def _row_below(
     grounds: Sequence[tuple[Array, Array]], x: float, bottom: float
 ) -> float | None:
     """Return the row of the highest ground below a point, or None."""
-    rows = [
-        float(p[1] + (q[1] - p[1]) * (x - p[0]) / (q[0] - p[0]))
-        for p, q in grounds
-        if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1])
-        and min(p[0], q[0]) <= x <= max(p[0], q[0])
-    ]
+    rows = []
+    for p, q in grounds:
+        if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1]) and min(p[0], q[0]) <= x <= max(
+            p[0], q[0]
+        ):
+            rows.append(float(p[1] + (q[1] - p[1]) * (x - p[0]) / (q[0] - p[0])))
     return min((row for row in rows if row >= bottom - SUNK), default=None)
 
 
 def typical_size(silhouettes: Sequence[Silhouette]) -> float:
     """Return the size of a typical object, px: the median root of the areas."""
     areas = [float((s.coverage > 0.5).sum()) for s in silhouettes]
-    return float(np.median([area**0.5 for area in areas])) + 1 if areas else inf
+    if areas:
+        return float(np.median([area**0.5 for area in areas])) + 1
+    return inf
 
 
 def away_from_objects(coverage: F32, margin: int = MARGIN) -> Mask:

@@ -40,7 +40,7 @@ class _Tuning:
     # Part of its height, from the top, with a wall rather than ground beside it.
     upper: float = 0.35
     # Standard deviation of the blur against grain.
-    smooth: float = 0.04
+    blur_width: float = 0.04
     hues: tuple[float, float] = (0.05, 0.12)
     """Largest distance of chromaticities on one ground, and in its shade, which has
     another light.
@@ -56,14 +56,14 @@ class _Tuning:
     # Rounds of the reweighted fit.
     rounds: int = 12
     # Least depth of shade ...
-    least: float = 0.12
+    least_depth: float = 0.12
     # ... and least standard deviations of the lit ground.
     loud: float = 2.0
     deepest: float = 2.2
     # Least share of shaded pixels connected to the object.
-    joined: float = 0.6
+    connected_share: float = 0.6
     # Largest shaded area over the object's.
-    most: float = 1.8
+    area_ratio: float = 1.8
     distances: tuple[float, float] = (0.15, 0.6)
     """Shade is deepest within the first distance and has mostly faded beyond the
     second.
@@ -100,16 +100,18 @@ def find_smooth_shade(
         lit_picture = result.copy()
         lit_picture[window] = encode_u8(np.minimum(light, 1.0).astype(np.float32))
         result = lit_picture
-        shade_mask = depth.mean(axis=2) > TUNING.least / 2
+        shade_mask = depth.mean(axis=2) > TUNING.least_depth / 2
         owners[window][shade_mask & (coverage[window] < 0.5)] = item.id
-    return (result, owners) if owners.any() else None
+    if owners.any():
+        return (result, owners)
+    return None
 
 
 @dataclass(frozen=True)
 class _Surroundings:
     """The ground around an object, on a coarse grid."""
 
-    smooth: F32
+    smooth_light: F32
     """(h, w, 3): logarithm of light without grain."""
     own_mask: Mask
     ground_mask: Mask
@@ -121,7 +123,7 @@ class _Surroundings:
     @property
     def grey(self) -> F32:
         """Return the mean (h, w) of the channels."""
-        return np.asarray(self.smooth.mean(axis=2), np.float32)
+        return np.asarray(self.smooth_light.mean(axis=2), np.float32)
 
 
 def _shade_of(
@@ -174,7 +176,7 @@ def _surroundings(
     if not ring.any() or not own_mask.any():
         return None
     logs = np.log(linear + DARKEST).astype(np.float32)
-    sigma = max(TUNING.smooth * size, 1.0)
+    sigma = max(TUNING.blur_width * size, 1.0)
     # Single grains have many hues, so that hues of a local mean are compared.
     mean = np.exp(_blur_known(logs, ring, sigma)) - DARKEST
     ground = ring & _find_even_ground(np.asarray(mean, np.float32), ring)
@@ -184,58 +186,63 @@ def _surroundings(
     return _Surroundings(smooth_logs, own_mask, ground, distances, size)
 
 
-def _depth(around: _Surroundings) -> Darkness | None:
+def _depth(surroundings: _Surroundings) -> Darkness | None:
     """Return -log (h, w, 3) of the missing light, or None without shade."""
-    ground = around.ground_mask
-    shade = _shade_mask(around)
-    connected_shade = _connect(shade, around.own_mask)
-    if not _is_shade(around, shade, connected_shade):
+    ground = surroundings.ground_mask
+    shade = _shade_mask(surroundings)
+    connected_shade = _connect(shade, surroundings.own_mask)
+    if not _is_shade(surroundings, shade, connected_shade):
         return None
     lit_mask = _select_unshaded_ground(shade, ground)
-    planes = [_plane(around.smooth[..., c], lit_mask) for c in range(3)]
-    depth = np.clip(np.stack(planes, axis=-1) - around.smooth, 0, TUNING.deepest)
-    depth = without_seams(depth.astype(np.float32), around.own_mask, around.size)
+    planes = [_plane(surroundings.smooth_light[..., c], lit_mask) for c in range(3)]
+    depth = np.clip(
+        np.stack(planes, axis=-1) - surroundings.smooth_light, 0, TUNING.deepest
+    )
+    depth = without_seams(
+        depth.astype(np.float32), surroundings.own_mask, surroundings.size
+    )
     inside = cv2.dilate(connected_shade.astype(np.uint8), np.ones((5, 5), np.uint8))
-    sigma = max(TUNING.smooth * around.size, 1.0)
+    sigma = max(TUNING.blur_width * surroundings.size, 1.0)
     weight = cv2.GaussianBlur(inside.astype(np.float32), (0, 0), sigma)
-    rows = np.arange(len(weight), dtype=np.float32)[:, None] / around.size
-    margin = np.minimum(TUNING.reach - around.distances, rows)
+    rows = np.arange(len(weight), dtype=np.float32)[:, None] / surroundings.size
+    margin = np.minimum(TUNING.reach - surroundings.distances, rows)
     # Removal fades at the border of the searched surroundings.
     weight *= np.clip(margin / TUNING.fade, 0, 1) * ground
-    return _spread(depth * weight[..., None], ground, around.own_mask)
+    return _spread(depth * weight[..., None], ground, surroundings.own_mask)
 
 
-def _shade_mask(around: _Surroundings) -> Mask:
+def _shade_mask(surroundings: _Surroundings) -> Mask:
     """Return the pixels (h, w) darker than the plane through the lit ground."""
-    ground, grey = around.ground_mask, around.grey
+    ground = surroundings.ground_mask
+    grey = surroundings.grey
     level, spread = _lit_plane(grey, ground)
-    limit = max(TUNING.least, TUNING.loud * spread)
+    limit = max(TUNING.least_depth, TUNING.loud * spread)
     # The first plane contains some shade; a second one is fitted without it.
     first_mask = ground & (level - grey > limit)
     level = _plane(grey, _select_unshaded_ground(first_mask, ground))
     dark_mask = (ground & (level - grey > limit)).astype(np.float32)
-    wide_mask = without_seams(dark_mask[..., None], around.own_mask, around.size)
+    wide_mask = without_seams(
+        dark_mask[..., None], surroundings.own_mask, surroundings.size
+    )
     return (wide_mask[..., 0] > 0) & ground
 
 
-def _is_shade(around: _Surroundings, shade_mask: Mask, joined_mask: Mask) -> bool:
+def _is_shade(surroundings: _Surroundings, shade_mask: Mask, joined_mask: Mask) -> bool:
     """Return whether dark pixels are an object's shade: around it, and not
     elsewhere.
     """
     area = np.count_nonzero(joined_mask)
-    touches_object = area >= TUNING.joined * np.count_nonzero(shade_mask)
-    is_small = area <= TUNING.most * np.count_nonzero(around.own_mask)
+    touches_object = area >= TUNING.connected_share * np.count_nonzero(shade_mask)
+    is_small = area <= TUNING.area_ratio * np.count_nonzero(surroundings.own_mask)
     if not area or not touches_object or not is_small:
         return False
     low, high = TUNING.distances
-    near_ground = around.ground_mask & (around.distances < low)
-    far_ground = around.ground_mask & (around.distances > high)
+    near_ground = surroundings.ground_mask & (surroundings.distances < low)
+    far_ground = surroundings.ground_mask & (surroundings.distances > high)
     if not near_ground.any() or not far_ground.any():
         return False
-    near_share, far_share = (
-        joined_mask[near_ground].mean(),
-        joined_mask[far_ground].mean(),
-    )
+    near_share = joined_mask[near_ground].mean()
+    far_share = joined_mask[far_ground].mean()
     least_share, times = TUNING.shares
     return bool(near_share >= max(least_share, times * far_share))
 
@@ -244,7 +251,9 @@ def _select_unshaded_ground(shade_mask: Mask, ground_mask: Mask) -> Mask:
     """Return the ground (h, w) away from shade."""
     wide_shade = cv2.dilate(shade_mask.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     lit_mask = ground_mask & ~wide_shade
-    return lit_mask if lit_mask.sum() > TUNING.size else ground_mask & ~shade_mask
+    if lit_mask.sum() > TUNING.size:
+        return lit_mask
+    return ground_mask & ~shade_mask
 
 
 def _find_even_ground(linear: F32, ring_mask: Mask) -> Mask:
@@ -276,7 +285,8 @@ def _lit_plane(values: F32, ground_mask: Mask) -> tuple[F32, float]:
     Weights fit a quantile (Koenker and Bassett 1978), so that shade counts less.
     """
     base = _base(values.shape)
-    x, y = base[ground_mask], values[ground_mask]
+    x = base[ground_mask]
+    y = values[ground_mask]
     weights = np.ones(len(y))
     for _ in range(TUNING.rounds):
         root = np.sqrt(weights)
@@ -284,8 +294,11 @@ def _lit_plane(values: F32, ground_mask: Mask) -> tuple[F32, float]:
         rest = y - x @ fit
         side = np.where(rest > 0, TUNING.quantile, 1 - TUNING.quantile)
         weights = side / np.maximum(np.abs(rest), 0.01)
-    lit_residuals = rest[rest > -TUNING.least / 2]
-    spread = float(np.sqrt(np.mean(lit_residuals**2))) if len(lit_residuals) else 0.0
+    lit_residuals = rest[rest > -TUNING.least_depth / 2]
+    if len(lit_residuals):
+        spread = float(np.sqrt(np.mean(lit_residuals**2)))
+    else:
+        spread = 0.0
     return np.asarray(base @ fit, np.float32), spread
 
 

@@ -49,17 +49,16 @@ def hue_weights(linear: F32, plain: F32 | Mask, most: int) -> list[F32]:
 def blur_wide(picture: F32, across: float, down: float) -> F32:
     """Return a Gaussian blur of two widths, px; wide blurs use a coarser grid."""
     h, w = picture.shape
-    right, lower = (
-        max(1, min(int(across / 3), w // 8)),
-        max(1, min(int(down / 3), h // 8)),
-    )
+    right = max(1, min(int(across / 3), w // 8))
+    lower = max(1, min(int(down / 3), h // 8))
     small = picture
     if right > 1 or lower > 1:
         size = (-(-w // right), -(-h // lower))
         small = np.asarray(
             cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32
         )
-    x, y = max(across / right, 0.3), max(down / lower, 0.3)
+    x = max(across / right, 0.3)
+    y = max(down / lower, 0.3)
     blurred_picture = cv2.GaussianBlur(
         small, (0, 0), sigmaX=x, sigmaY=y, borderType=cv2.BORDER_REFLECT
     )
@@ -86,14 +85,14 @@ def mean_of_kind(
     `tiny` is the weight of a pixel's own value if no such surface is near; `prior` is
     the same, with a weight, for pixels of no kind.
     """
-    result = (
-        np.float32(prior[0]) * values
-        if prior[0]
-        else np.zeros(values.shape, np.float32)
-    )
+    if prior[0]:
+        result = np.float32(prior[0]) * values
+    else:
+        result = np.zeros(values.shape, np.float32)
     total = np.full(values.shape, prior[1], np.float32)
     for kind in kinds:
-        sums, weights = tiny * values, np.full(values.shape, tiny, np.float32)
+        sums = tiny * values
+        weights = np.full(values.shape, tiny, np.float32)
         weight = plain * kind
         for width, down, gain in reaches:
             sums = sums + gain * blur(values * weight, width, down)

@@ -118,7 +118,8 @@ def _measure_deviation(points: Array, corners: Array) -> float:
     """Return the largest distance of points (N, 2) from the sides of a rectangle, and
     of its corners (4, 2) from the border of the points.
     """
-    low, high = corners[0], corners[2]
+    low = corners[0]
+    high = corners[2]
     side_distances = np.minimum(np.abs(points - low), np.abs(points - high)).min(axis=1)
     steps = corners[:, None] - _resample_ring_border(points)[None]
     corner_distances = np.hypot(*steps.transpose(2, 0, 1)).min(axis=1)

@@ -247,7 +247,8 @@ def _crop_box(light: F32, labels: Labels, item: PhotoObject) -> _BoxView:
     x, y, last, low = (max(int(side), 0) for side in bounds(item.outline))
     mask = labels[y : low + 2, x : last + 2] == item.id
     left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
-    x0, y0 = x + left, y + top
+    x0 = x + left
+    y0 = y + top
     window = np.s_[y0 : y0 + height, x0 : x0 + width]
     return _BoxView((x0, y0), labels[window] == item.id, light[window])
 
@@ -275,7 +276,8 @@ def _find_front_edge(
 
     The row is the edge between top and front.
     """
-    grey, margin = box.grey, box.edge_margin
+    grey = box.grey
+    margin = box.edge_margin
     steps = np.array(
         [
             grey[y + 1 : y + margin].mean(axis=0)
@@ -291,7 +293,9 @@ def _has_plain_faces(box: _BoxView, edge: int, step: float) -> bool:
     """Return whether top and front are plain and of one hue; otherwise the strip is a
     print.
     """
-    light, rim, margin = box.inner_light, box.rim, box.edge_margin
+    light = box.inner_light
+    rim = box.rim
+    margin = box.edge_margin
     top = light[rim + 1 : edge - 1]
     front = light[edge + margin : 2 * (edge + margin) - rim]
     spread = max(
@@ -317,13 +321,11 @@ def _build_top(box: _BoxView, edge: int, front: float) -> _Top:
     height = front - box.rim + 0.5
     # The sides of the top must converge towards the vanishing point.
     front_rows = slice(edge, 2 * edge - box.rim + 4 * box.edge_margin)
-    shifts, widths = (
-        ends[box.rim : edge] - np.median(ends[front_rows])
-        for ends in (
-            box.left_ends + box.right_ends,
-            box.left_ends - box.right_ends,
-        )
-    )
+    top_rows = slice(box.rim, edge)
+    doubled_centers = box.left_ends + box.right_ends
+    negative_widths = box.left_ends - box.right_ends
+    shifts = doubled_centers[top_rows] - np.median(doubled_centers[front_rows])
+    widths = negative_widths[top_rows] - np.median(negative_widths[front_rows])
     middle_row = len(widths) // 2
     narrowing = 2 * float(widths[:middle_row].mean() - widths[middle_row:].mean())
     x0, y0 = box.corner

@@ -127,7 +127,8 @@ def _find_rails(photo: Photo, free_rows: Sequence[float]) -> list[Rail | None]:
     A large photo is searched at reduced size.
     """
     size = working_size(photo.labels.shape)
-    lab, scale = photo.lab, 1.0
+    lab = photo.lab
+    scale = 1.0
     if size is not None:
         scale = max(photo.labels.shape) / max(size)
         lab = np.asarray(cv2.resize(lab, size, interpolation=cv2.INTER_AREA))
@@ -206,10 +207,10 @@ def _measure_contrasts(
     height, width = lab.shape[:2]
     columns = np.arange(width // 5, width - width // 5, max(1, width // RAIL.columns))
     row_indices = rows[:, None] + np.rint(slope * (columns - width / 2)).astype(int)
-    upper_colours, lower_colours = (
-        lab[np.clip(row_indices + offset, 0, height - 1), columns]
-        for offset in (-RAIL.distance, RAIL.distance)
-    )
+    upper_rows = np.clip(row_indices - RAIL.distance, 0, height - 1)
+    lower_rows = np.clip(row_indices + RAIL.distance, 0, height - 1)
+    upper_colours = lab[upper_rows, columns]
+    lower_colours = lab[lower_rows, columns]
     change = lower_colours - upper_colours
     # Project the change of colour at each column on its median direction.
     direction = np.median(change, axis=1)

@@ -312,10 +312,8 @@ def _corners_on(points: Array, chain: Array) -> list[tuple[Array, Array]]:
     """Return corners of one closed chain on edges of another, with the other's
     normals.
     """
-    low, high = (
-        points.min(axis=0) - LIMITS.touch - 1,
-        points.max(axis=0) + LIMITS.touch + 1,
-    )
+    low = points.min(axis=0) - LIMITS.touch - 1
+    high = points.max(axis=0) + LIMITS.touch + 1
     # Only edges near the box of the points can be touched.
     edges = np.flatnonzero(
         (np.maximum(chain[:-1], chain[1:]) >= low).all(1)
@@ -360,7 +358,8 @@ def _closest(points: Array, segments: Array) -> tuple[Array, Array]:
 
     Both results are `(N, M, 2)`.
     """
-    start, edges = segments[:, 0], segments[:, 1] - segments[:, 0]
+    start = segments[:, 0]
+    edges = segments[:, 1] - segments[:, 0]
     offsets = points[:, None] - start[None]
     share = np.clip(
         (offsets * edges).sum(-1) / np.maximum((edges**2).sum(-1), 1e-12), 0, 1
@@ -383,9 +382,8 @@ def _face_ends(i: int, j: int, hits: Sequence[tuple[Array, Array]]) -> list[Cont
                 face.append(hit)
         left = [hit for hit in left if hit[1] @ normal < LIMITS.one_face]
         positions = [cross(normal, p) for p, _ in face]
-        first, last = (
-            face[int(k)] for k in (np.argmin(positions), np.argmax(positions))
-        )
+        first = face[int(np.argmin(positions))]
+        last = face[int(np.argmax(positions))]
         if len(face) == 1:
             result.append(Contact(i, j, *first))
             continue
@@ -477,11 +475,13 @@ class _Forces:
             spot = LIMITS.spot * radii[0]
         else:
             spot = 0.0
-        return [
-            (contact.point + shift * tangent, contact.normal + way * tangent)
-            for shift in ((-spot, spot) if spot else (0.0,))
-            for way in (-mu, mu)
-        ]
+        result: list[tuple[Array, Array]] = []
+        for shift in (-spot, spot) if spot else (0.0,):
+            for way in (-mu, mu):
+                result.append(
+                    (contact.point + shift * tangent, contact.normal + way * tangent)
+                )
+        return result
 
     def _column(
         self,
@@ -512,7 +512,8 @@ def unbalanced_forces(pairs: Pairs, parts: Array, target: Array) -> Array:
     if not len(pairs):
         return target
     columns = _ForceColumns(len(target), pairs, parts)
-    x, s = np.ones(len(pairs)), np.ones(len(pairs))
+    x = np.ones(len(pairs))
+    s = np.ones(len(pairs))
     best = residual = target.ravel() - columns.combine(x)
     least_error = np.inf
     for _ in range(LIMITS.passes):
@@ -521,13 +522,15 @@ def unbalanced_forces(pairs: Pairs, parts: Array, target: Array) -> Array:
         slope = -columns.project(residual) - s
         error = max(float((x * s).mean()), float(np.abs(slope).max()))
         if error < least_error:
-            best, least_error = residual, error
+            best = residual
+            least_error = error
         if least_error < LIMITS.accuracy or error > LIMITS.divergence * least_error:
             break
         dx, ds = columns.find_step(x, s, slope)
         # Both variables take one common step, since the gradient depends on x as well.
         step = min(1.0, LIMITS.step * min(_longest_step(x, dx), _longest_step(s, ds)))
-        x, s = x + step * dx, s + step * ds
+        x = x + step * dx
+        s = s + step * ds
         residual = target.ravel() - columns.combine(x)
     return best.reshape(-1, 3)
 
@@ -564,7 +567,8 @@ class _ForceColumns:
         # Predictor: a step towards the solution without centring.
         dx = self._solve(scale, -slope - s)
         ds = -s - dx / scale
-        a, b = _longest_step(x, dx), _longest_step(s, ds)
+        a = _longest_step(x, dx)
+        b = _longest_step(s, ds)
         # Corrector: centre as far as the predictor fell short, with a second-order
         # term.
         middle = gap * (float(((x + a * dx) * (s + b * ds)).mean()) / gap) ** 3
@@ -631,7 +635,8 @@ class _System:
         left = matrix[: ends[1], : ends[1]]
         for k in range(len(ends) - 2):
             inverse = np.asarray(np.linalg.inv(left), np.float64)
-            block, after = slice(ends[k], ends[k + 1]), slice(ends[k + 1], ends[k + 2])
+            block = slice(ends[k], ends[k + 1])
+            after = slice(ends[k + 1], ends[k + 2])
             coupling = matrix[block, after]
             self.steps.append((inverse, coupling))
             left = matrix[after, after] - coupling.T @ inverse @ coupling
@@ -664,7 +669,8 @@ def _layers(count: int, pairs: Pairs) -> list[Pairs]:
             neighbours[b].add(a)
 
     def find_shells(start: int) -> list[list[int]]:
-        visited_ids, shells = {start}, [[start]]
+        visited_ids = {start}
+        shells = [[start]]
         while after := sorted(
             {j for i in shells[-1] for j in neighbours[i]} - visited_ids
         ):

@@ -46,8 +46,10 @@ def floor_points(
     The chain enters none of the objects.
     """
     chain = _join_feet(group)
-    first, last = chain[0], chain[-1]
-    start, end = min(ends[0], first[0] - 0.01), max(ends[1], last[0] + 0.01)
+    first = chain[0]
+    last = chain[-1]
+    start = min(ends[0], first[0] - 0.01)
+    end = max(ends[1], last[0] + 0.01)
     chain = [
         (start, _clear_of_hulls(group, first, start, line.slope, -1)),
         *chain,
@@ -145,10 +147,13 @@ def cradle(item: PhotoObject, center: Array, hull: Array) -> list[Point]:
 
 def _draw_ball_nest(disc: Disc) -> list[Point]:
     """Return a nest under a ball."""
-    x, y, r = float(disc.center[0]), float(disc.center[1]), disc.radius
+    x = float(disc.center[0])
+    y = float(disc.center[1])
+    r = disc.radius
     angle = np.radians(NEST_ANGLE)
     inner = r * np.tan(angle / 2)
-    side, depth = r * np.sin(angle), r * np.cos(angle)
+    side = r * np.sin(angle)
+    depth = r * np.cos(angle)
     return [
         (x - side, y + depth),
         (x - inner, y + r),

@@ -82,7 +82,8 @@ class Photo:
         """
         columns = np.arange(self.width)
         level = np.round(line.slope * columns + line.height).astype(int)
-        lower_strip, upper_strip = (self._strip(level + down) for down in (4, -10))
+        lower_strip = self._strip(level + 4)
+        upper_strip = self._strip(level - 10)
         return lower_strip, upper_strip
 
     def _strip(self, top: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -128,7 +129,8 @@ class Photo:
     def _measure_surface(self, line: Line, boxes: NDArray[np.float64]) -> _Surface:
         """Return the surface along a line under objects with boxes (N, 4)."""
         margin = 0.5 * float((boxes[:, 2] - boxes[:, 0]).max())
-        first, last = float(boxes[:, 0].min()), float(boxes[:, 2].max())
+        first = float(boxes[:, 0].min())
+        last = float(boxes[:, 2].max())
         lower_strip, upper_strip = self.strips(line)
         span = slice(max(0, int(first - margin)), max(0, int(last + margin) + 2))
         steps = np.linalg.norm((lower_strip - upper_strip)[span], axis=1)

@@ -124,7 +124,8 @@ def find_foot(item: PhotoObject) -> Foot:
     center = mass_properties(item.outline).center
     hull = lower_hull(item.outline)
     if isinstance(item.outline, Disc):
-        x, y = float(center[0]), float(center[1]) + item.outline.radius
+        x = float(center[0])
+        y = float(center[1]) + item.outline.radius
         half_width = 0.3 * item.outline.radius
         return Foot(
             item, np.array([x - half_width, y]), np.array([x + half_width, y]), hull
@@ -132,7 +133,8 @@ def find_foot(item: PhotoObject) -> Foot:
     # The object stands on the hull's edge below its centre of mass, if that edge is
     # level.
     k = int(np.clip(np.searchsorted(hull[:, 0], center[0]) - 1, 0, len(hull) - 2))
-    left, right = hull[k], hull[k + 1]
+    left = hull[k]
+    right = hull[k + 1]
     run = right[0] - left[0]
     if run >= 2 and abs(right[1] - left[1]) <= STEEP * run:
         return Foot(item, left, right, hull)
@@ -168,7 +170,8 @@ def _find_lowest_border(outline: Region, x: Array) -> Array:
     """Return the largest y (n,) of an outline in columns `x` (n,)."""
     lowest = np.full(len(x), -np.inf)
     for ring in outline.rings:
-        starts, ends = ring.outer, np.roll(ring.outer, -1, axis=0)
+        starts = ring.outer
+        ends = np.roll(ring.outer, -1, axis=0)
         for (xa, ya), (xb, yb) in zip(starts, ends, strict=True):
             is_over = (x >= min(xa, xb)) & (x <= max(xa, xb))
             if xb != xa:
@@ -262,7 +265,8 @@ def _find_ids_below(item: PhotoObject, labels: Labels) -> _Surroundings | None:
     rows, columns = np.nonzero(labels == item.id)
     if not len(rows):
         return None
-    left, right = int(columns.min()), int(columns.max())
+    left = int(columns.min())
+    right = int(columns.max())
     bottom = np.full(right - left + 1, -1)
     np.maximum.at(bottom, columns - left, rows)
     occupied = np.flatnonzero(bottom >= 0)
@@ -382,7 +386,8 @@ def _largest_groups(
     candidates = []
     for k in np.flatnonzero(counts == counts.max()).tolist():
         group = np.flatnonzero(membership[k])
-        slope, height = lines.slopes[k], lines.heights[k]
+        slope = lines.slopes[k]
+        height = lines.heights[k]
         if len(group) > 2:
             x, y = points[group].T
             slope, height = np.polyfit(x, y, 1)

@@ -364,9 +364,8 @@ def make_wedge(
                 for x, y in (contact - reach, contact + reach)
             ]
         ):
-            first, last = (
-                (np.array(end) - contact) @ tangent for end in (part[0], part[-1])
-            )
+            first = (np.array(part[0]) - contact) @ tangent
+            last = (np.array(part[-1]) - contact) @ tangent
             if min(-first, last) >= LIMITS.wedge_rest * outline.radius and stands(
                 np.array(part)
             ):
@@ -395,7 +394,8 @@ def free_parts(chain: Chain, others: Sequence[Outline]) -> list[Chain]:
     parts: list[Chain] = []
     edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]])))
     for start, stop in edges.reshape(-1, 2):
-        first, last = samples[start], samples[stop - 1]
+        first = samples[start]
+        last = samples[stop - 1]
         if last - first >= LIMITS.shortest:
             parts.append(_cut_chain(chain, lengths, first, last))
     return parts
@@ -403,7 +403,8 @@ def free_parts(chain: Chain, others: Sequence[Outline]) -> list[Chain]:
 
 def _find_neighbours(points: Array, outlines: Sequence[Outline]) -> list[Outline]:
     """Return the outlines whose boxes overlap that of points (N, 2)."""
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     neighbours = []
     for outline in outlines:
         x0, y0, x1, y1 = bounds(outline)
@@ -448,9 +449,11 @@ def depth_inside(outline: Outline, points: Array) -> Array:
             np.maximum(outline.radius - np.hypot(*(points - outline.center).T), 0.0)
         )
     depth: Array = np.zeros(len(points))
-    x, y = points[:, 0, None], points[:, 1, None]
+    x = points[:, 0, None]
+    y = points[:, 1, None]
     for ring in outline.rings:
-        a, b = ring.outer, np.roll(ring.outer, -1, axis=0)
+        a = ring.outer
+        b = np.roll(ring.outer, -1, axis=0)
         spans = (a[:, 1] > y) != (b[:, 1] > y)
         rise = np.where(b[:, 1] == a[:, 1], 1.0, b[:, 1] - a[:, 1])
         # Crossing number test: a ray to the left crosses the border an odd number of

@@ -192,13 +192,17 @@ def _background_cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]
     if np.count_nonzero(background.free) < LEAST:
         return {}
     cues = {"layered": _measure_layers(background)}
-    low, high = np.s_[7 * height // 8 : height,], np.s_[0 : height // 2,]
+    low = np.s_[7 * height // 8 : height,]
+    high = np.s_[0 : height // 2,]
     if background.is_visible_in(low, high):
-        upward, free = -normals[..., 1], background.free
+        upward = -normals[..., 1]
+        free = background.free
         difference = upward[low][free[low]].mean() - upward[high][free[high]].mean()
         cues["faces"] = float(difference) - 0.1
-    bottom, top = np.s_[2 * height // 3 :,], np.s_[: height // 3,]
-    left, right = np.s_[:, : width // 3], np.s_[:, 2 * width // 3 :]
+    bottom = np.s_[2 * height // 3 :,]
+    top = np.s_[: height // 3,]
+    left = np.s_[:, : width // 3]
+    right = np.s_[:, 2 * width // 3 :]
     if background.is_visible_in(bottom, top, left, right):
         vertical = _compare_colours(background, bottom, top)
         horizontal = _compare_colours(background, left, right)
@@ -219,7 +223,8 @@ def _shrink_background(rgb: Rgb, labels: Labels, size: tuple[int, int]) -> _Back
 
 def _measure_layers(background: _Background) -> float:
     """Return the cue of layers: rows explain more of the colours than columns."""
-    colour, free = background.colour, background.free
+    colour = background.colour
+    free = background.free
     # Shading alone makes weak layers on a single surface.
     weight = min(1.0, float(np.sqrt(colour[free].var(0).sum())) / SPREAD)
     row_share = _measure_explained_variance(colour, free, 1)
@@ -241,11 +246,12 @@ def _compare_detail(
     """Return the log ratio of the detail of two parts."""
     smooth = cv2.GaussianBlur(background.colour[..., 0], (0, 0), 1)
     detail = np.abs(cv2.Laplacian(smooth, cv2.CV_32F))
-    first_detail, second_detail = (
-        float(np.percentile(detail[part][background.free[part]], 90)) + 1e-3
-        for part in (first, second)
-    )
-    return log(first_detail / second_detail)
+
+    def strongest_detail(part: tuple[slice, ...]) -> float:
+        free_detail = detail[part][background.free[part]]
+        return float(np.percentile(free_detail, 90)) + 1e-3
+
+    return log(strongest_detail(first) / strongest_detail(second))
 
 
 def _measure_explained_variance(colour: F32, free: Mask, axis: int) -> float:
@@ -260,7 +266,8 @@ def _measure_explained_variance(colour: F32, free: Mask, axis: int) -> float:
     if np.count_nonzero(is_valid) < 2:
         return 0.0
     mean = (colour * free[..., None]).sum(axis)[is_valid] / count[is_valid, None]
-    middle, total = colour[free].mean(0), colour[free].var(0).sum()
+    middle = colour[free].mean(0)
+    total = colour[free].var(0).sum()
     explained = (((mean - middle) ** 2).sum(1) * count[is_valid]).sum() / count[
         is_valid
     ].sum()
@@ -427,7 +434,8 @@ def _detection_doubts(
     detections: Detections, objects: Sequence[PhotoObject], area: Mapping[int, float]
 ) -> list[str]:
     """Return the doubts about the detections."""
-    reasons, right = [], sum(detections.confidence.get(t.id, 1.0) for t in objects)
+    reasons = []
+    right = sum(detections.confidence.get(t.id, 1.0) for t in objects)
     # Confidences are probabilities: their sum is the expected number of true objects.
     true = right + sum(doubt.confidence for doubt in detections.doubtful)
     if 2 * right <= DOUBTS.f_measure * (len(objects) + true):
