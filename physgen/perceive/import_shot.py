@@ -90,9 +90,24 @@ def as_shot(scene: PerceivedScene) -> PerceivedScene:
         "objects": objects,
         "boundaries": boundaries,
         "forces": [],
-        "render": dict(RENDER),
+        "render": RENDER | _entering_tool(objects, world["view"]),
     }
     return replace(scene, document=document, comments=comments)
+
+
+def _entering_tool(
+    objects: Mapping[str, Mapping[str, Any]], view: str
+) -> dict[str, str]:
+    """Return the setting of the tool that pushes what moves first; empty if nothing
+    is pushed: nothing may start by itself.
+    """
+    pushed = [entry for entry in objects.values() if any(entry.get("velocity", ()))]
+    if not pushed:
+        return {}
+    is_ball_game = view == "top" and all(
+        entry.get("solid") == "sphere" for entry in pushed
+    )
+    return {"enter": "cue" if is_ball_game else "finger"}
 
 
 def _natural_world(

@@ -12,7 +12,7 @@ from physgen.perceive.import_shot import as_shot
 from physgen.perceive.scene_files import write_scene
 from physgen.problems import InputError, Severity
 from physgen.scene.load import load
-from physgen.scene.scene import Circle, Combine, Load, Polygon, Solid, View
+from physgen.scene.scene import Circle, Combine, Load, Polygon, Solid, Striker, View
 from tests.perceive.lambertian import beyond_halos
 
 SIM = """\
@@ -246,7 +246,10 @@ def test_import_is_a_shot_unless_faithful(tmp_path: Path, faithful: bool) -> Non
         assert scene.render.frames is not None
         assert {ball.value for ball in balls if ball} == {"disc"}
         assert scene.render.hold == 0
+        assert scene.render.enter is Striker.NONE
         return
+    # What moves first has a visible cause.
+    assert scene.render.enter is Striker.FINGER
     assert (scene.render.fps, scene.render.frames) == (30, None)
     assert {ball.value for ball in balls if ball} == {"sphere"}
     assert scene.world.until_rest
@@ -285,6 +288,7 @@ def test_shot_of_a_table_has_slow_balls_and_unseen_walls(tmp_path: Path) -> None
         entry for entry in shot.document["objects"].values() if entry.get("velocity")
     )
     assert np.hypot(*ball["velocity"]) == pytest.approx(3 * 96)
+    assert shot.document["render"]["enter"] == "cue"
     assert ball["velocity"][0] == pytest.approx(-4 / 3 * ball["velocity"][1])
     walls = [wall["segment"] for wall in shot.document["boundaries"].values()]
     assert walls == [[[-47, -47], [-47, 143]], [[20, 1], [20, 95]]]
