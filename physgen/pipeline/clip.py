@@ -380,6 +380,7 @@ class _Run:
         scene = self.scene
         world = self.film.compiled.world
         self._check_motion(trajectory)
+        # The hashes let `verify` compare a motion without its file.
         record.samples = trajectory.sample_hashes()
         record.effort = asdict(trajectory.effort)
         for problem in accuracy_warnings(scene, world, trajectory, record.imbalance):

@@ -128,6 +128,7 @@ def _verify(
     is_as_good = ramped.outcome.grade >= candidate.outcome.grade
     if is_as_good or given_ramp is not None:
         return ramped
+    # A slow push may not topple what a sudden one does.
     sudden = _try(trials, replace(candidate, ramp=0.0), facing, world)
     is_better = sudden.outcome.grade > ramped.outcome.grade
     if is_better:

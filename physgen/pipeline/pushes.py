@@ -345,6 +345,7 @@ def _direction(flag: str, text: str) -> tuple[float, float]:
         for word in spelling.groups():
             if word:
                 words.append(word)
+        # Two words add to a diagonal; contrary words cancel each other.
         x = sum(WORDS[word][0] for word in words)
         y = sum(WORDS[word][1] for word in words)
         if x or y:
@@ -434,6 +435,7 @@ def _kick(
     impulse: list[Any] = []
     for part in direction:
         impulse.append(float(f"{body.mass * speed * part:.4g}") + 0.0)
+    # A value in metres stays in metres, since the scale may change.
     if _metric(text):
         per_meter = scene.world.pixels_per_meter
         impulse = [f"{part / per_meter:.4g} g m/s" if part else 0 for part in impulse]

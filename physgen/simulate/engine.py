@@ -317,6 +317,7 @@ class Running:
         begin = self._step_number * self._base_step
         end = (self._step_number + 1) * self._base_step
         h = end - begin
+        # Fast bodies and stiff springs need shorter steps than the scene's own.
         parts = self._parts_of_step(end, h)
         has_fewer_parts = parts < self._parts <= MAX_REPEATED_PARTS
         if has_fewer_parts and self._stepper.has_abrupt_change:

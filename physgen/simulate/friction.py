@@ -277,6 +277,7 @@ def _friction_changes(
 ) -> tuple[Array, Array]:
     """Return the changes by friction at other speeds; never beyond rest."""
     grip, mass, patch, moment, ring = properties
+    # The ratio of sliding to spinning decides how friction is shared between both.
     slip_angle = np.arctan2(abs(mid_velocity), patch * abs(at_spin))
     force_share, torque_share = _parts(slip_angle, ring)
     speed = abs(v)
