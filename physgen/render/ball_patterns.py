@@ -58,7 +58,9 @@ def find_paints(unlit_colours: F32, u: F32, v: F32, z: F32, use: Mask) -> Paints
     # In logarithms, light times paint is a sum, and linear least squares can separate
     # both.
     level: F64 = np.log(light + np.float32(BALL.least_light)).astype(np.float64)
-    pictures = [np.broadcast_to(b, use.shape).ravel()[pixels] for b in basis(u, v, z)]
+    pictures = []
+    for picture in basis(u, v, z):
+        pictures.append(np.broadcast_to(picture, use.shape).ravel()[pixels])
     rows: F64 = np.column_stack(pictures).astype(np.float64)
     channels, paint_ids = _fit_light_and_paints(rows, level)
     unlit = np.maximum(np.exp(level - rows @ channels) - BALL.least_light, 0)
@@ -81,7 +83,8 @@ def _fit_light_and_paints(rows: F64, level: F64) -> tuple[F64, Ids]:
     """
     grey = level.mean(axis=1)
     # Begin with paints mainly by hue, which light changes little.
-    paint_ids = _split(np.column_stack([2 * (level - grey[:, None]), 0.7 * grey]))
+    hue = level - grey[:, None]
+    paint_ids = _split(np.column_stack([2 * hue, 0.7 * grey]))
     light_weights = np.zeros(8)
     pixel_weights = np.ones(len(grey))
     for _ in range(BALL.rounds):
@@ -118,7 +121,8 @@ def solve_weights(rows: F64, level: F64, paint: Ids, trust: F64) -> F64:
         terms[is_paint] -= np.average(terms[is_paint], axis=0, weights=own_trust)
         target[is_paint] -= np.average(target[is_paint], axis=0, weights=own_trust)
     weighted_terms = (terms * weight).T
-    normal = weighted_terms @ terms + BALL.stiff * len(rows) * np.eye(rows.shape[1])
+    damping = BALL.stiff * len(rows) * np.eye(rows.shape[1])
+    normal = weighted_terms @ terms + damping
     return np.asarray(np.linalg.solve(normal, weighted_terms @ target))
 
 

@@ -53,13 +53,15 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     # Copied pixels stay exact, and cost nothing.
     is_whole_shift = max(abs(x0 - left), abs(y0 - top)) < NOTHING
     if scale == 1.0 and is_whole_shift:
-        return np.ascontiguousarray(rgb[top : top + size[1], left : left + size[0]])
+        visible_part = rgb[top : top + size[1], left : left + size[0]]
+        return np.ascontiguousarray(visible_part)
     # Crop to the pixels that the kernel can reach: large photos are much slower.
     reach = ceil(LOBES * max(1.0, 1.0 / scale)) + 1
     left = max(floor(x0) - reach, 0)
     top = max(floor(y0) - reach, 0)
     rgb = rgb[top : ceil(y1) + reach, left : ceil(x1) + reach]
-    matrix = np.column_stack([matrix[:, :2], matrix @ [left, top, 1.0]])
+    shift = matrix @ [left, top, 1.0]
+    matrix = np.column_stack([matrix[:, :2], shift])
     return _resample_within_limits(rgb, matrix, size)
 
 
@@ -94,9 +96,10 @@ def nearest_in(
     """Resample a mask that is True only in a `box`, like `nearest`, by its
     `sources`.
     """
-    first_row, last_row = np.searchsorted(rows, (box[0].start, box[0].stop)).tolist()
-    edges = (box[1].start, box[1].stop)
-    first_column, last_column = np.searchsorted(columns, edges).tolist()
+    row_edges = (box[0].start, box[0].stop)
+    first_row, last_row = np.searchsorted(rows, row_edges).tolist()
+    column_edges = (box[1].start, box[1].stop)
+    first_column, last_column = np.searchsorted(columns, column_edges).tolist()
     own_rows = rows[first_row:last_row] - box[0].start
     own_columns = columns[first_column:last_column] - box[1].start
     result = mask.take(own_columns, 1).take(own_rows, 0)
@@ -124,7 +127,8 @@ def _visible_borders(
     edges = []
     for axis, side in ((0, rgb.shape[1]), (1, rgb.shape[0])):
         first = (-0.5 - float(matrix[axis, 2])) / scale + 0.5
-        edges.append((max(first, 0.0), min(first + size[axis] / scale, float(side))))
+        last = first + size[axis] / scale
+        edges.append((max(first, 0.0), min(last, float(side))))
     (x0, x1), (y0, y1) = edges
     return x0, y0, x1, y1
 
@@ -145,8 +149,10 @@ def _lobes(rgb: U8, matrix: Array, size: Size) -> tuple[U8, Index, Index]:
         # The middle lobe reaches one source pixel, or one result pixel if that is
         # larger.
         lower_bounds = np.floor(_sources(matrix, axis, size[axis]) - reach + NOTHING)
-        firsts.append(np.clip(lower_bounds.astype(np.int64) + 1, 0, length - 1))
-    return np.ones((side, side), np.uint8), firsts[1], firsts[0]
+        first_places = lower_bounds.astype(np.int64) + 1
+        firsts.append(np.clip(first_places, 0, length - 1))
+    kernel = np.ones((side, side), np.uint8)
+    return kernel, firsts[1], firsts[0]
 
 
 STEADY = 0.2
@@ -266,7 +272,8 @@ class Shot:
             # With this share the centre moves with the width, so that one point stays
             # still.
             share = expm1(narrowing * eased_share) / expm1(narrowing)
-        (ax, ay), (bx, by) = self._center(start, time), self._center(end, time)
+        ax, ay = self._center(start, time)
+        bx, by = self._center(end, time)
         center = ax + (bx - ax) * share, ay + (by - ay) * share
         # Rounding may lead out of the photo by a bit.
         return confine_center(center, self.photo, self.video, zoom), zoom
@@ -308,7 +315,8 @@ def shot_of(scene: Scene, trajectory: Trajectory) -> Shot:
     # Seconds of video per second of motion: a hand trembles in the time of the video.
     pace = 1.0
     if len(times) > 1 and times[-1] > times[0]:
-        pace = (len(times) - 1) / float(times[-1] - times[0]) / scene.render.fps
+        rate = (len(times) - 1) / float(times[-1] - times[0])
+        pace = rate / scene.render.fps
     handheld = scene.render.handheld
     return Shot(photo, video, times, tuple(aims), order, handheld, pace)
 

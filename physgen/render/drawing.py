@@ -223,7 +223,8 @@ def arrow(tail: Array, tip: Array, width: float) -> Array:
     point = head(tip, vector, min(HEAD * width, 0.62 * length))
     root = (point[0] + point[2]) / 2
     neck = root + 0.1 * (tip - root)  # barbs point back a little
-    half_width = min(width / 2, 0.15 * float(np.hypot(*(point[2] - point[0])))) * normal
+    head_width = float(np.hypot(*(point[2] - point[0])))
+    half_width = min(width / 2, 0.15 * head_width) * normal
     return np.array(
         [
             tail + half_width,

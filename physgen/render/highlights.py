@@ -146,8 +146,10 @@ def _unroll(picture: F32 | Mask, disc: DiscPicture) -> F32:
     """Return a picture (h, w) on `RINGS` rings, (rings, angles)."""
     angle = np.arange(SHINE.angles) * (2 * pi / SHINE.angles)
     distance = (np.arange(RINGS)[:, None] + 0.5) * (disc.radius / RINGS)
-    x = (distance * np.cos(angle) + disc.center[0]).astype(np.float32)
-    y = (distance * np.sin(angle) + disc.center[1]).astype(np.float32)
+    offset_x = distance * np.cos(angle)
+    offset_y = distance * np.sin(angle)
+    x = (offset_x + disc.center[0]).astype(np.float32)
+    y = (offset_y + disc.center[1]).astype(np.float32)
     values = cv2.remap(picture.astype(np.float32), x, y, cv2.INTER_LINEAR)
     return np.asarray(values, np.float32)
 

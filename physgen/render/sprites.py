@@ -198,7 +198,8 @@ def relief_of(normals: F32, object_mask: Mask, light: DistantLight) -> Relief | 
     )
     changes = []
     for turn in TURNS:
-        changes.append(float(np.abs(relief.ratio(turn)[object_mask] - 1).mean()))
+        ratio = relief.ratio(turn)[object_mask]
+        changes.append(float(np.abs(ratio - 1).mean()))
     return relief if max(changes) > CUT.facing else None
 
 
@@ -448,7 +449,9 @@ class Sprite:
         rows, columns = np.nonzero(self.coverage > 0)
         rows = rows + self.corner[1] - y
         columns = columns + self.corner[0] - x
-        is_within = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        has_row = (rows >= 0) & (rows < height)
+        has_column = (columns >= 0) & (columns < width)
+        is_within = has_row & has_column
         is_free = np.ones((height, width), np.uint8)
         is_free[rows[is_within], columns[is_within]] = 0
         reach = cv2.distanceTransform(is_free, cv2.DIST_L2, 5)

@@ -232,7 +232,8 @@ def _wall_light(sprite: Sprite, opening: Opening, tuning: VesselTuning) -> F32 |
     if is_wall.sum() < opening.half_width:
         return None
     weight = is_wall.sum(axis=0)[None]
-    total = (sprite.light[first:last] * is_wall[..., None]).sum(axis=0)[None]
+    wall_light = sprite.light[first:last] * is_wall[..., None]
+    total = wall_light.sum(axis=0)[None]
     weight = cv2.GaussianBlur(weight, (0, 0), VESSEL.blur_width)
     total = cv2.GaussianBlur(total, (0, 0), VESSEL.blur_width)
     light = total / np.maximum(weight, 1e-3)[..., None]

@@ -295,7 +295,8 @@ def drawn_wheel(
     x = columns + x0 - center[0]
     y = rows + y0 - center[1]
     distances = np.hypot(x, y)
-    is_spoke = np.minimum(np.abs(x), np.abs(y)) < max(0.06 * radius, 0.7)
+    spoke_width = max(0.06 * radius, 0.7)
+    is_spoke = np.minimum(np.abs(x), np.abs(y)) < spoke_width
     is_rim = distances > 0.85 * radius
     is_dark = (is_spoke | is_rim)[..., None]
     paint = np.where(is_dark, 0.3 * colour, colour).astype(np.float32)
@@ -326,7 +327,8 @@ class _Rings:
         turn = 2 * pi * np.arange(steps) / steps
         offsets = part.aspect * radii[:, None] * np.cos(turn)
         x = (part.x + offsets).astype(np.float32)
-        y = (part.y + radii[:, None] * np.sin(turn)).astype(np.float32)
+        offsets_down = radii[:, None] * np.sin(turn)
+        y = (part.y + offsets_down).astype(np.float32)
         flags = cv2.INTER_LINEAR
         paint = cv2.remap(colour, x, y, flags, borderMode=cv2.BORDER_REPLICATE)
         cover = cv2.remap(alpha, x, y, flags, borderMode=cv2.BORDER_CONSTANT)
@@ -386,8 +388,10 @@ class _Rings:
         mean = brightness.mean(axis=1, keepdims=True)
         # Light from one side changes once around the axle: take the first harmonic of
         # each ring.
-        cosine_part = 2 * (brightness * np.cos(turn)).mean(axis=1, keepdims=True) / mean
-        sine_part = 2 * (brightness * np.sin(turn)).mean(axis=1, keepdims=True) / mean
+        cosine_mean = (brightness * np.cos(turn)).mean(axis=1, keepdims=True)
+        sine_mean = (brightness * np.sin(turn)).mean(axis=1, keepdims=True)
+        cosine_part = 2 * cosine_mean / mean
+        sine_part = 2 * sine_mean / mean
         sigma = max(0.15 * len(brightness), 1.0)
         change = _smoothed_rows(cosine_part, sigma) * np.cos(turn)
         change = change + _smoothed_rows(sine_part, sigma) * np.sin(turn)
@@ -400,7 +404,8 @@ class _Rings:
 def _smoothed_rows(values: NDArray[np.floating], sigma: float) -> Array:
     """Blur values `(R, 1)` along the rows."""
     reach = ceil(3 * sigma)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    places = np.arange(-reach, reach + 1) / sigma
+    kernel = np.exp(-0.5 * places**2)
     padded_values = np.pad(values[:, 0], reach, mode="edge")
     return np.convolve(padded_values, kernel / kernel.sum(), mode="valid")[:, None]
 
@@ -434,8 +439,10 @@ def _polar_places(
     x = (columns - part.x) / part.aspect
     y = rows - part.y
     distances = np.hypot(x, y)
-    turn = np.mod(np.arctan2(y, x) / (2 * pi), 1) * rings[1]
-    ring = np.clip(distances * rings[0] / part.radius - 0.5, 0, rings[0] - 1)
+    share_of_turn = np.mod(np.arctan2(y, x) / (2 * pi), 1)
+    turn = share_of_turn * rings[1]
+    exact_ring = distances * rings[0] / part.radius - 0.5
+    ring = np.clip(exact_ring, 0, rings[0] - 1)
     return distances, (turn.astype(np.float32), ring.astype(np.float32))
 
 
