@@ -617,7 +617,10 @@ def decompose_shadows(
     if clean_background is None:
         light = decode(background)
         return _keep_old_shadows(light, starts, rounds, setting), None
-    photo = _ShadowPhoto.measure(background, clean_background, coverage, is_changed)
+    open_mask = _open_background(coverage)
+    if is_changed is not None:
+        open_mask &= ~is_changed
+    photo = _ShadowPhoto.measure(background, clean_background, open_mask)
     shape = photo.darkness.shape
     division = _divide_darkness(photo, [*starts, *ghosts], rounds, setting)
     casts = division.casts[: len(starts)]
@@ -683,18 +686,16 @@ class _ShadowPhoto:
     """(H, W): pixels with reliable darkness."""
 
     @staticmethod
-    def measure(
-        background: U8, clean_background: U8, coverage: F32, is_changed: Mask | None
-    ) -> _ShadowPhoto:
-        """Measure the darkness of shadows between two backgrounds (H, W, 3) sRGB."""
+    def measure(background: U8, clean_background: U8, open_mask: Mask) -> _ShadowPhoto:
+        """Measure the darkness of shadows between two backgrounds (H, W, 3) sRGB.
+
+        `open_mask` (H, W): pixels with reliable darkness.
+        """
         light = decode(background)
         clean_light = decode(clean_background)
         darkness = _log(luminance(clean_light)) - _log(luminance(light))
         np.clip(darkness, -0.5, SHADOW.deepest, out=darkness)
-        is_open = _open_background(coverage)
-        if is_changed is not None:
-            is_open &= ~is_changed
-        return _ShadowPhoto(light, clean_light, darkness, is_open)
+        return _ShadowPhoto(light, clean_light, darkness, open_mask)
 
     def plate(self, shadows: F32, claimed_area: F32) -> tuple[F32, F32]:
         """Return the background without `shadows` (H, W), and their tint (3,)."""
