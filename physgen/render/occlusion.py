@@ -248,7 +248,8 @@ def _ball_surface(
     assert receiver.radius is not None
     lx, ly, lz = (np.float32(part) for part in setting.light.direction)
     cx, cy, radius = (np.float32(part) for part in (*receiver.center, receiver.radius))
-    u, v = (x - cx) / radius, (y - cy) / radius
+    u = (x - cx) / radius
+    v = (y - cy) / radius
     z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
     viewer_distance = np.float32(middle(receiver, setting.top)) + radius * z
     light_cosine = np.maximum(u * lx + v * ly + z * lz, 0)
@@ -506,6 +507,7 @@ def occlusion_factors(
     )
     if not has_moved.any():
         return {}
+    # Only objects with a changed surrounding need a new veil, since veils are costly.
     visible_figures = [figures[stand.k] for stand in stands]
     blockers = occluders(visible_figures, setting)
     changed_indices = _changed_veils(stage, stands, has_moved, blockers)
