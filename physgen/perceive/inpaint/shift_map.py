@@ -481,11 +481,11 @@ def _texture(picture: F32, scale: int) -> F32:
     They are means of blocks of `scale` px a side of a `picture` (H, W, 3).
     """
     grey = picture.mean(axis=2)
-    logs = []
-    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        difference = grey - np.roll(grey, (down, right), (0, 1))
-        logs.append(np.log(_block_means(difference**2, scale) + TUNING.noise))
-    return np.stack(logs, axis=-1)
+    log_squares = []
+    for step in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        difference = grey - np.roll(grey, step, (0, 1))
+        log_squares.append(np.log(_block_means(difference**2, scale) + TUNING.noise))
+    return np.stack(log_squares, axis=-1)
 
 
 def _block_means(picture: F32, scale: int) -> F32:
