@@ -237,9 +237,11 @@ def find_strikes(world: World) -> list[Strike]:
         if world.bodies[k].motion is not Motion.DYNAMIC:
             del strikes[k]
     for joint in world.joints:
-        pair = (joint.first, joint.second)
-        if pair[0] in strikes and pair[1] in strikes:
-            del strikes[min(pair, key=lambda k: world.bodies[k].mass)]
+        first, second = joint.first, joint.second
+        if second is None or first not in strikes or second not in strikes:
+            continue
+        is_lighter = world.bodies[first].mass < world.bodies[second].mass
+        del strikes[first if is_lighter else second]
     return list(strikes.values())
 
 
