@@ -13,7 +13,7 @@ from math import ceil, hypot, radians, sqrt
 
 import numpy as np
 
-from physgen.arrays import F32, F64
+from physgen.arrays import F32, F64, Indices
 from physgen.compile.world import Body, World
 from physgen.geometry.polygon import Pose, rotation
 from physgen.geometry.shadows import Silhouette
@@ -237,9 +237,11 @@ def find_strikes(world: World) -> list[Strike]:
         if world.bodies[k].motion is not Motion.DYNAMIC:
             del strikes[k]
     for joint in world.joints:
-        pair = (joint.first, joint.second)
-        if pair[0] in strikes and pair[1] in strikes:
-            del strikes[min(pair, key=lambda k: world.bodies[k].mass)]
+        first, second = joint.first, joint.second
+        if second is None or first not in strikes or second not in strikes:
+            continue
+        is_lighter = world.bodies[first].mass < world.bodies[second].mass
+        del strikes[first if is_lighter else second]
     return list(strikes.values())
 
 
@@ -289,7 +291,8 @@ def _rim(body: Body, angle: float, direction: F64, point: F64 | None = None) -> 
     for ring in body.rings:
         corners = ring @ turn.T - offset
         along, side = corners @ direction, corners @ across
-        next_along, next_side = np.roll(along, -1), np.roll(side, -1)
+        next_along = np.roll(along, -1)
+        next_side = np.roll(side, -1)
         crosses = (side > 0) != (next_side > 0)
         share = side[crosses] / (side[crosses] - next_side[crosses])
         places = along[crosses] + share * (next_along[crosses] - along[crosses])
@@ -379,7 +382,8 @@ def _with_sprites(
     fine_motion: Trajectory,
 ) -> Stage:
     """Return the stage with the strikers in front of all objects."""
-    sprites, starts = list(stage.sprites), list(stage.starts)
+    sprites = list(stage.sprites)
+    starts = list(stage.starts)
     if not starts:
         starts = [Pose(*pose) for pose in fine_motion.poses[0].tolist()]
     actors, casts = list(stage.actors), []
@@ -411,7 +415,9 @@ def _striker_cast(sprite: Sprite, start: F64, thickness: float) -> CastShadow:
 def _with_casts(stage: Stage, casts: Sequence[CastShadow]) -> Stage:
     """Return the stage with the shadows of more sprites, without veils and mirrors."""
     empty = [None] * len(casts)
-    background, mirror, veils = stage.lit_background, stage.mirror, stage.veils
+    background = stage.lit_background
+    mirror = stage.mirror
+    veils = stage.veils
     if background is not None:
         background = replace(background, casts=[*background.casts, *casts])
     if mirror is not None:
@@ -429,23 +435,35 @@ def _draw_striker(
     end = way.axis * (reach + 2 * side)
     low = np.floor(np.minimum(start, start + end)).astype(int) - side
     high = np.ceil(np.maximum(start, start + end)).astype(int) + side
-    columns = np.arange(low[0], high[0] + 1) - start[0]
-    rows = np.arange(low[1], high[1] + 1)[:, None] - start[1]
-    along = columns * way.axis[0] + rows * way.axis[1]
-    aside = rows * way.axis[0] - columns * way.axis[1]
-    from_tip = along / way.scale + form.tip
+    axial_distance, side_distance = _axis_coordinates(low, high, start, way.axis)
+    from_tip = axial_distance / way.scale + form.tip
     radius = _radius(form, from_tip) * way.scale
-    away = np.hypot(np.minimum(along, 0), aside)
+    # The tip is a half sphere, and the rest is a bar.
+    away = np.hypot(np.minimum(axial_distance, 0), side_distance)
     coverage = np.clip(radius - away + 0.5, 0, 1).astype(np.float32)
-    across = np.clip(aside / radius, -1, 1)
-    tip = np.clip(np.minimum(along, 0) / radius, -1, 1)
+    across = np.clip(side_distance / radius, -1, 1)
+    tip = np.clip(np.minimum(axial_distance, 0) / radius, -1, 1)
     # Seen from its side, a finger has its nail on top; else in its middle.
     upper = across * (1 if way.axis[0] < 0 else -1)
     colour = _colours(form, from_tip, upper)
     light = colour * _shading(stage, way.axis, across, tip, form.gloss)
     light *= coverage[..., None]
-    corner = (int(low[0]), int(low[1]))
-    return Sprite(body, corner, np.asarray(light, np.float32), coverage)
+    return Sprite(
+        body, (int(low[0]), int(low[1])), np.asarray(light, np.float32), coverage
+    )
+
+
+def _axis_coordinates(
+    low: Indices, high: Indices, start: F64, axis: F64
+) -> tuple[F64, F64]:
+    """Return the distances along an axis from `start` and beside it, (h, w) px, of the
+    pixels from `low` to `high`.
+    """
+    columns = np.arange(low[0], high[0] + 1) - start[0]
+    rows = np.arange(low[1], high[1] + 1)[:, None] - start[1]
+    axial_distance = columns * axis[0] + rows * axis[1]
+    side_distance = rows * axis[0] - columns * axis[1]
+    return axial_distance, side_distance
 
 
 def _radius(form: Form, distance: F64) -> F64:
@@ -471,11 +489,13 @@ def _colours(form: Form, distance: F64, upper: F64) -> F32:
     if form.has_nail:
         red = np.exp(-np.maximum(distance, 0) / STRIKER.flush)[..., None]
         colours *= (1 - red * FLUSH).astype(np.float32)
-        nail = ((distance - NAIL[0]) / NAIL[1]) ** 2 + (
-            (upper - NAIL[2]) / NAIL[3]
-        ) ** 2
+        # The nail is an ellipse on the finger.
+        nail_length = (distance - NAIL[0]) / NAIL[1]
+        nail_width = (upper - NAIL[2]) / NAIL[3]
+        nail = nail_length**2 + nail_width**2
         share = np.clip(NAIL_SHARP * (1 - nail), 0, 1)[..., None].astype(np.float32)
-        colours += share * (decode(np.array(NAIL_COLOUR, np.uint8)) - colours)
+        nail_colour = decode(np.array(NAIL_COLOUR, np.uint8))
+        colours += share * (nail_colour - colours)
     return colours
 
 
@@ -490,7 +510,9 @@ def _shading(stage: Stage, axis: F64, offset: F64, tip: F64, gloss: float) -> F6
         light = stage.lit_background.setting.light
         direction = np.array(light.direction)
         total = light.ambient + light.intensity
-        ambient, intensity = light.ambient / total, light.intensity / total
+        ambient = light.ambient / total
+        intensity = light.intensity / total
+    # The normal of the bar, and of its round tip, turned into the picture.
     normal_x = tip * axis[0] - offset * axis[1]
     normal_y = tip * axis[1] + offset * axis[0]
     facing = normal_x * direction[0] + normal_y * direction[1] + toward * direction[2]
