@@ -31,7 +31,7 @@ class _Tuning:
     # height.
     legs: float = 0.3
     # Largest share of the ground's light in a contact shadow.
-    dark: float = 0.45
+    shadow_light: float = 0.45
     # Quantile of the ground's light reached by its dark grains ...
     low: float = 0.1
     # ... and the share of that quantile below which a pixel is shadow.
@@ -41,19 +41,19 @@ class _Tuning:
     # px of ground that must be visible.
     fewest: int = 30
     # px: standard deviation of the blur against grain.
-    smooth: float = 1.0
+    blur_width: float = 1.0
     # px: least area of an object.
     smallest: int = 100
     # Largest area of a strip over the object's; a larger dark region is another
     # surface.
-    most: float = 0.4
+    largest_area: float = 0.4
     # Largest share of a strip's outline at which the dark region continues below or
     # beside the searched surroundings. In 79 labelled photos of COCO, the largest share
     # of a shadow is 0.39, and all strips above are other surfaces, e.g. a hedge.
     longest: float = 0.4
     # Largest light of an island of ground between an object and its strips, over that
     # of the ground around the strips.
-    shaded: float = 0.8
+    island_light: float = 0.8
 
 
 TUNING = _Tuning()
@@ -66,7 +66,7 @@ def contact_strips(photo: Rgb, hole: Mask) -> Mask:
     result = np.zeros_like(hole)
     for piece, dark_strip in _dark_strips(photo, hole):
         shadow = dark_strip.ending_parts()
-        if shadow.sum() < TUNING.most * piece.sum():
+        if shadow.sum() < TUNING.largest_area * piece.sum():
             result |= shadow
     return result & ~hole
 
@@ -77,7 +77,7 @@ class _DarkStrip:
 
     strip: Mask
     """In the surroundings of the foot and connected to the object."""
-    dark: Mask
+    dark_mask: Mask
     """Below the highest row of the surroundings."""
     ground: Mask
 
@@ -90,7 +90,7 @@ class _DarkStrip:
         cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
         beside_dark, beside_ground = (
             cv2.dilate(mask.view(np.uint8), cross) > 0
-            for mask in (self.dark & ~self.strip, self.ground)
+            for mask in (self.dark_mask & ~self.strip, self.ground)
         )
         continued = np.bincount(names[beside_dark], minlength=count)
         outline = np.bincount(names[beside_dark | beside_ground], minlength=count)
@@ -102,8 +102,8 @@ def _dark_strips(photo: Rgb, hole: Mask) -> Iterator[tuple[Mask, _DarkStrip]]:
     """Yield the connected pieces of `hole` (H, W), each with its dark strip."""
     light = luminance(decode(photo)).astype(np.float32)
     known_weights = (~hole).astype(np.float32)
-    share = np.maximum(cv2.GaussianBlur(known_weights, (0, 0), TUNING.smooth), 1e-3)
-    sums = cv2.GaussianBlur(light * known_weights, (0, 0), TUNING.smooth)
+    share = np.maximum(cv2.GaussianBlur(known_weights, (0, 0), TUNING.blur_width), 1e-3)
+    sums = cv2.GaussianBlur(light * known_weights, (0, 0), TUNING.blur_width)
     light = np.asarray(sums / share, np.float32)
     reach = max(2, round(TUNING.reach * max(hole.shape)))
     for piece, box in _objects(hole):
@@ -177,7 +177,7 @@ def _darkest_ground(
             continue
         low, middle = np.quantile(light[ground], [TUNING.low, 0.5])
         if middle > TUNING.least_ground:
-            limits.append(min(TUNING.dark * middle, TUNING.below_low * low))
+            limits.append(min(TUNING.shadow_light * middle, TUNING.below_low * low))
     return float(min(limits, default=0.0))
 
 
@@ -204,7 +204,7 @@ def shaded_islands(photo: Rgb, hole: Mask, strips: Mask) -> Mask:
             continue
         ground = _dilate(closing, reach) & free & ~island
         ground_light = np.median(light[ground]) if ground.any() else 0.0
-        if np.median(light[island]) < TUNING.shaded * ground_light:
+        if np.median(light[island]) < TUNING.island_light * ground_light:
             result |= island
     return result
 

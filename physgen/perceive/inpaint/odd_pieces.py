@@ -24,7 +24,7 @@ class _Limits:
     # Largest share of the pixels beside an odd piece with less excess.
     like: float = 0.1
     # px: narrower pieces may be edges rather than texture.
-    narrow: int = 3
+    least_width: int = 3
 
 
 LIMITS = _Limits()
@@ -51,7 +51,7 @@ def _is_odd(piece: Mask, composed: F32, guide: F32) -> bool:
     """Return whether a piece (h, w) is coarser than all around it in the texture
     `composed` (h, w, c), and more unlike it than the texture of the `guide` (h, w, c).
     """
-    square = np.ones((LIMITS.narrow, LIMITS.narrow), np.uint8)
+    square = np.ones((LIMITS.least_width, LIMITS.least_width), np.uint8)
     ring = (cv2.dilate(piece.view(np.uint8), np.ones((3, 3))) > 0) & ~piece
     if not (cv2.erode(piece.view(np.uint8), square).any() and ring.any()):
         return False
