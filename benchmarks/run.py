@@ -23,6 +23,7 @@
     python benchmarks/run.py views           # the view of photos that were labelled by hand
     python benchmarks/run.py sound           # the sound of contacts: closed forms and cost
     python benchmarks/run.py sureness        # stated confidences of masses beside their errors
+    python benchmarks/run.py strangers       # clips of photos that no rule was made for; PHYSGEN_MATERIAL
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
 """
@@ -63,6 +64,7 @@ from prompts import prompts
 from refine import refining
 from segments import names, segmentation
 from sound import sound
+from strangers import strangers
 from sureness import sureness
 from tables import RESULTS, write
 from views import views
@@ -287,6 +289,7 @@ PARTS |= {
     "sureness": sureness,
     "sound": sound,
     "views": views,
+    "strangers": strangers,
 }
 PARTS |= {
     "properties": properties,

@@ -24,6 +24,7 @@ from colour_steps import ALLOWED_STEP, FAR, summarise_steps
 from ghosts import RING
 from growth import KINDS, exponent
 from layout import number, prose, table
+from strangers import strangers_table
 
 from physgen.evaluate import fidelity
 
@@ -631,6 +632,7 @@ SECTIONS = {
     "Perceiving large photos": ("perceive", _perceive),
     "Perceiving by stage": ("stages", _stages),
     "First clips": ("first", _first),
+    "Photos that no rule was made for": ("strangers", strangers_table),
     "Growth with bodies": ("growth", _growth),
     "Ground truth": ("labels", _labels),
     "Editor": ("editor", editor.table),
