@@ -418,35 +418,44 @@ def _colours(form: Form, grid: _Grid, nail: F64) -> F32:
 def _skin(form: Form, grid: _Grid, colours: F32, nail: F64) -> F32:
     """Return colours (h, w, 3) with redness, spots, creases and the nail."""
     red = np.exp(-np.maximum(grid.along, 0) / SKIN.tip_flush)
-    crease = np.zeros(grid.along.shape)
-    width = max(SKIN.crease_width, SKIN.crease_pixels / grid.scale)
-    # They are fine lines on top, and end towards the pad.
-    depth = np.clip(0.65 + 0.5 * grid.aside / form.tip, 0, 1)
-    depth *= np.abs(grid.aside) < 2 * form.tip
+    amount, size = SKIN.joint_flush
     for joint in form.joints:
-        from_joint = grid.along - joint
-        amount, size = SKIN.joint_flush
-        red += amount * np.exp(-((from_joint / size) ** 2) / 2)
-        for place, share in SKIN.creases:
-            # They bend towards the tip at both sides.
-            bent = from_joint - place + (grid.aside / form.tip) ** 2
-            line = share * np.exp(-((bent / width) ** 2) / 2)
-            crease = np.maximum(crease, depth * line)
+        red += amount * np.exp(-(((grid.along - joint) / size) ** 2) / 2)
     spots = np.zeros(grid.along.shape)
     for along, aside, phase in SKIN.waves:
         spots += np.sin(along * grid.along + aside * grid.aside + phase)
+    shade = (1 - SKIN.crease * _creases(form, grid)) * (1 + SKIN.mottle * spots)
+    skin = colours * shade[..., None] * (1 - red[..., None] * np.array(SKIN.flush))
+    return _with_nail(form, grid, skin, nail)
+
+
+def _creases(form: Form, grid: _Grid) -> F64:
+    """Return (h, w) depth of the creases, of the deepest's."""
+    creases = np.zeros(grid.along.shape)
+    width = max(SKIN.crease_width, SKIN.crease_pixels / grid.scale)
+    # They bend towards the tip at both sides.
+    bent = grid.along + (grid.aside / form.tip) ** 2
+    for joint in form.joints:
+        for place, depth in SKIN.creases:
+            line = np.exp(-(((bent - joint - place) / width) ** 2) / 2)
+            creases = np.maximum(creases, depth * line)
+    # They are fine lines on top, and end towards the pad.
+    upper = np.clip(0.65 + 0.5 * grid.aside / form.tip, 0, 1)
+    return np.asarray(creases * upper * (np.abs(grid.aside) < 2 * form.tip))
+
+
+def _with_nail(form: Form, grid: _Grid, skin: F64, nail: F64) -> F32:
+    """Return colours (h, w, 3) of the skin with the nail and the groove around it."""
     step = _nail_step(form, grid.scale)
     border = max(NAIL.border_width, NAIL.border_pixels * step)
     groove = NAIL.border * np.exp(-((nail / border) ** 2) / 2)
-    shade = (1 - SKIN.crease * crease) * (1 + SKIN.mottle * spots) * (1 - groove)
-    colours = colours * shade[..., None] * (1 - red[..., None] * np.array(SKIN.flush))
+    skin = skin * (1 - groove[..., None])
     is_free = np.clip(NAIL.free_edge + 0.5 - grid.along, 0, 1)[..., None]
-    plate, edge = (
-        decode(np.array(rgb, np.uint8)) for rgb in (NAIL.colour, NAIL.free_colour)
-    )
+    plate = decode(np.array(NAIL.colour, np.uint8))
+    edge = decode(np.array(NAIL.free_colour, np.uint8))
     share = np.clip(0.5 + FINE * nail / step, 0, 1)[..., None]
-    plated = colours + share * (plate + is_free * (edge - plate) - colours)
-    return np.asarray(plated, np.float32)
+    nailed = skin + share * (plate + is_free * (edge - plate) - skin)
+    return np.asarray(nailed, np.float32)
 
 
 def _shading(stage: Stage, form: Form, normal: tuple[F64, F64, F64], nail: F64) -> F64:
