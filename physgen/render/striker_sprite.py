@@ -32,13 +32,13 @@ class Band:
 class Swelling:
     """A place where a finger is thicker."""
 
-    along: float
+    distance: float
     """mm from the tip."""
     width: float
     """mm of its standard deviation."""
-    above: float
+    upper_share: float
     """Share of the radius that it adds above the axis, and ..."""
-    below: float
+    lower_share: float
     """... below it."""
 
 
@@ -52,7 +52,7 @@ class Lobe:
     """mm along and aside."""
     radii: tuple[float, float]
     """mm at both."""
-    front: tuple[float, float] = (0.0, 0.0)
+    offsets: tuple[float, float] = (0.0, 0.0)
     """mm towards the viewer at both."""
 
 
@@ -62,7 +62,7 @@ class Form:
 
     tip: float
     """mm: radius of its tip, which is round."""
-    grows: float
+    growth: float
     """mm of radius for each mm of its length."""
     largest_radius: float
     """mm: its largest radius, without swellings."""
@@ -91,7 +91,7 @@ FOREARM = 900.0
 """mm from the tip to a place that no picture shows, as a scene is smaller."""
 FINGER = Form(
     tip=7.6,
-    grows=0.032,
+    growth=0.032,
     largest_radius=10.0,
     lift=32,
     bands=(Band(LONG, (222, 165, 134)),),
@@ -244,9 +244,9 @@ class Placement:
 class _Grid:
     """The pixels of a striker's sprite, (h, w) each."""
 
-    along: F64
+    distance: F64
     """mm from the end of the tip."""
-    aside: F64
+    elevation: F64
     """mm above the axis."""
     scale: float
     """px a mm."""
@@ -258,7 +258,7 @@ class _Grid:
 class _Relief:
     """A surface, (h, w) each."""
 
-    inside: F64
+    depth: F64
     """mm from its outline."""
     normal: tuple[F64, F64, F64]
     """Unit: along, aside and towards the viewer."""
@@ -269,10 +269,10 @@ class _Relief:
 def draw_striker(stage: Stage, form: Form, placement: Placement, body: int) -> Sprite:
     """Return the sprite of a striker for a body of the trajectory."""
     start = placement.start
-    side = ceil(form.extent * placement.scale) + 2 * MARGIN
+    room = ceil(form.extent * placement.scale) + 2 * MARGIN
     end = start + placement.axis * placement.length
-    low = np.floor(np.minimum(start, end)).astype(int) - side
-    high = np.ceil(np.maximum(start, end)).astype(int) + side
+    low = np.floor(np.minimum(start, end)).astype(int) - room
+    high = np.ceil(np.maximum(start, end)).astype(int) + room
     width, height = (high - low + 1).tolist()
     columns = low[0] - start[0] + _fine_places(0, width)
     strips = []
@@ -298,18 +298,18 @@ def _draw_strip(
     """Return (h, w, 4) light and coverage at places, px right of and below the start."""
     columns, rows = places
     axis, scale = placement.axis, placement.scale
-    upward = 1 if axis[0] < 0 else -1
+    sense = 1 if axis[0] < 0 else -1
     grid = _Grid(
         (columns * axis[0] + rows * axis[1]) / scale + form.tip,
-        upward * (rows * axis[0] - columns * axis[1]) / scale,
+        sense * (rows * axis[0] - columns * axis[1]) / scale,
         scale,
         NAIL.side_middle if placement.is_from_side else 0.0,
     )
     reliefs = [_bar(form, grid), *(_lobe(lobe, grid) for lobe in form.hand)]
     relief, fold = _joined(reliefs)
-    coverage = np.clip(relief.inside * scale * FINE + 0.5, 0, 1)[..., None]
+    coverage = np.clip(relief.depth * scale * FINE + 0.5, 0, 1)[..., None]
     nail = _nail_share(form, grid)
-    normal = _on_canvas(relief, axis, upward)
+    normal = _on_canvas(relief, axis, sense)
     light = _colours(form, grid, nail) * _shading(stage, form, normal, nail)
     light *= (1 - fold)[..., None] * coverage
     return np.concatenate([light, coverage], axis=2)
@@ -318,22 +318,29 @@ def _draw_strip(
 def _bar(form: Form, grid: _Grid) -> _Relief:
     """Return the surface of a striker without its hand."""
     radius = _radius(form, grid)
-    before = np.minimum(grid.along - form.tip, 0)
-    inside = radius - np.hypot(before, grid.aside)
+    overhang = np.minimum(grid.distance - form.tip, 0)
+    depth = radius - np.hypot(overhang, grid.elevation)
     if form.hand:
         # The finger ends in the hand.
-        inside = np.minimum(inside, form.hand[0].start[0] - grid.along)
-    return _round_relief(before / radius, grid.aside / radius, radius, inside)
+        depth = np.minimum(depth, form.hand[0].start[0] - grid.distance)
+    return _round_relief(overhang / radius, grid.elevation / radius, radius, depth)
 
 
 def _radius(form: Form, grid: _Grid) -> F64:
     """Return (h, w) mm of the radius of the bar."""
-    radius = np.clip(form.tip + form.grows * grid.along, form.tip, form.largest_radius)
+    radius = np.clip(
+        form.tip + form.growth * grid.distance, form.tip, form.largest_radius
+    )
     # A half-pixel step between both sides would show as a line.
-    upper = 0.5 + 0.5 * np.tanh(grid.aside / form.tip * 2)
+    top_share = 0.5 + 0.5 * np.tanh(grid.elevation / form.tip * 2)
     for swelling in form.swellings:
-        shape = np.exp(-(((grid.along - swelling.along) / swelling.width) ** 2) / 2)
-        share = swelling.below + (swelling.above - swelling.below) * upper
+        shape = np.exp(
+            -(((grid.distance - swelling.distance) / swelling.width) ** 2) / 2
+        )
+        share = (
+            swelling.lower_share
+            + (swelling.upper_share - swelling.lower_share) * top_share
+        )
         radius = radius * (1 + share * shape)
     return np.asarray(radius, np.float64)
 
@@ -341,62 +348,62 @@ def _radius(form: Form, grid: _Grid) -> F64:
 def _lobe(lobe: Lobe, grid: _Grid) -> _Relief:
     """Return the surface of a part of a hand."""
     start = np.array(lobe.start)
-    way = np.array(lobe.end) - start
-    along, aside = grid.along - start[0], grid.aside - start[1]
-    share = np.clip((along * way[0] + aside * way[1]) / (way @ way), 0, 1)
+    span = np.array(lobe.end) - start
+    distance, elevation = grid.distance - start[0], grid.elevation - start[1]
+    share = np.clip((distance * span[0] + elevation * span[1]) / (span @ span), 0, 1)
     radius = lobe.radii[0] + (lobe.radii[1] - lobe.radii[0]) * share
-    along, aside = along - share * way[0], aside - share * way[1]
-    inside = radius - np.hypot(along, aside)
-    relief = _round_relief(along / radius, aside / radius, radius, inside)
-    front = lobe.front[0] + (lobe.front[1] - lobe.front[0]) * share
-    height = relief.height + front * (inside > 0)
+    distance, elevation = distance - share * span[0], elevation - share * span[1]
+    depth = radius - np.hypot(distance, elevation)
+    relief = _round_relief(distance / radius, elevation / radius, radius, depth)
+    offsets = lobe.offsets[0] + (lobe.offsets[1] - lobe.offsets[0]) * share
+    height = relief.height + offsets * (depth > 0)
     return replace(relief, height=height)
 
 
-def _round_relief(along: F64, aside: F64, radius: F64, inside: F64) -> _Relief:
+def _round_relief(distance: F64, elevation: F64, radius: F64, depth: F64) -> _Relief:
     """Return a round surface by the parts of its normal."""
-    size = np.maximum(np.hypot(along, aside), 1.0)
-    along, aside = along / size, aside / size
-    toward = np.sqrt(np.clip(1 - along**2 - aside**2, 0, 1))
-    height = np.where(inside > 0, toward * radius, inside)
-    return _Relief(inside, (along, aside, toward), height)
+    size = np.maximum(np.hypot(distance, elevation), 1.0)
+    distance, elevation = distance / size, elevation / size
+    frontal = np.sqrt(np.clip(1 - distance**2 - elevation**2, 0, 1))
+    height = np.where(depth > 0, frontal * radius, depth)
+    return _Relief(depth, (distance, elevation, frontal), height)
 
 
 def _joined(reliefs: list[_Relief]) -> tuple[_Relief, F64]:
     """Return the surface of all parts, and (h, w) share of light that folds lack."""
     if len(reliefs) == 1:
-        return reliefs[0], np.zeros(reliefs[0].inside.shape)
+        return reliefs[0], np.zeros(reliefs[0].depth.shape)
     heights = np.stack([relief.height for relief in reliefs])
     weights = np.exp((heights - heights.max(axis=0)) / SKIN.blend)
     weights /= weights.sum(axis=0)
-    along, aside, toward = (
+    distance, elevation, frontal = (
         np.sum([w * r.normal[k] for w, r in zip(weights, reliefs, strict=True)], axis=0)
         for k in range(3)
     )
-    size = np.sqrt(along**2 + aside**2 + toward**2) + 1e-6
-    normal = (along / size, aside / size, toward / size)
+    size = np.sqrt(distance**2 + elevation**2 + frontal**2) + 1e-6
+    normal = (distance / size, elevation / size, frontal / size)
     # Where parts meet at an angle, their mean normal is short.
     fold = SKIN.fold * np.clip(2 * (1 - size), 0, 1)
-    inside = np.max([relief.inside for relief in reliefs], axis=0)
-    return _Relief(inside, normal, heights.max(axis=0)), fold
+    depth = np.max([relief.depth for relief in reliefs], axis=0)
+    return _Relief(depth, normal, heights.max(axis=0)), fold
 
 
-def _on_canvas(relief: _Relief, axis: F64, upward: int) -> tuple[F64, F64, F64]:
+def _on_canvas(relief: _Relief, axis: F64, sense: int) -> tuple[F64, F64, F64]:
     """Return the normals in the picture: to the right, down and towards the viewer."""
-    along, aside, toward = relief.normal
-    aside = upward * aside
-    right = along * axis[0] - aside * axis[1]
-    down = along * axis[1] + aside * axis[0]
-    return np.asarray(right), np.asarray(down), toward
+    distance, elevation, frontal = relief.normal
+    elevation = sense * elevation
+    x = distance * axis[0] - elevation * axis[1]
+    y = distance * axis[1] + elevation * axis[0]
+    return np.asarray(x), np.asarray(y), frontal
 
 
 def _nail_share(form: Form, grid: _Grid) -> F64:
     """Return (h, w) by how much a pixel is inside of the nail: 0 at its border, 1 in its middle."""
     if not form.is_skin:
-        return np.full(grid.along.shape, -LONG)
-    along = np.abs(grid.along - NAIL.middle) / NAIL.half_length
-    aside = np.abs(grid.aside / form.tip - grid.nail_middle) / NAIL.half_width
-    return np.asarray(1 - along**NAIL.roundness - aside**NAIL.roundness)
+        return np.full(grid.distance.shape, -LONG)
+    distance = np.abs(grid.distance - NAIL.middle) / NAIL.half_length
+    elevation = np.abs(grid.elevation / form.tip - grid.nail_middle) / NAIL.half_width
+    return np.asarray(1 - distance**NAIL.roundness - elevation**NAIL.roundness)
 
 
 def _nail_step(form: Form, scale: float) -> float:
@@ -406,10 +413,10 @@ def _nail_step(form: Form, scale: float) -> float:
 
 def _colours(form: Form, grid: _Grid, nail: F64) -> F32:
     """Return (h, w, 3) linear."""
-    colours = np.zeros((*grid.along.shape, 3), np.float32)
+    colours = np.zeros((*grid.distance.shape, 3), np.float32)
     begin = -np.inf
     for band in form.bands:
-        is_inside = (grid.along >= begin) & (grid.along < band.end)
+        is_inside = (grid.distance >= begin) & (grid.distance < band.end)
         colours[is_inside] = decode(np.array(band.colour, np.uint8))
         begin = band.end
     return _skin(form, grid, colours, nail) if form.is_skin else colours
@@ -417,13 +424,13 @@ def _colours(form: Form, grid: _Grid, nail: F64) -> F32:
 
 def _skin(form: Form, grid: _Grid, colours: F32, nail: F64) -> F32:
     """Return colours (h, w, 3) with redness, spots, creases and the nail."""
-    red = np.exp(-np.maximum(grid.along, 0) / SKIN.tip_flush)
+    red = np.exp(-np.maximum(grid.distance, 0) / SKIN.tip_flush)
     amount, size = SKIN.joint_flush
     for joint in form.joints:
-        red += amount * np.exp(-(((grid.along - joint) / size) ** 2) / 2)
-    spots = np.zeros(grid.along.shape)
-    for along, aside, phase in SKIN.waves:
-        spots += np.sin(along * grid.along + aside * grid.aside + phase)
+        red += amount * np.exp(-(((grid.distance - joint) / size) ** 2) / 2)
+    spots = np.zeros(grid.distance.shape)
+    for distance, elevation, phase in SKIN.waves:
+        spots += np.sin(distance * grid.distance + elevation * grid.elevation + phase)
     shade = (1 - SKIN.crease * _creases(form, grid)) * (1 + SKIN.mottle * spots)
     skin = colours * shade[..., None] * (1 - red[..., None] * np.array(SKIN.flush))
     return _with_nail(form, grid, skin, nail)
@@ -431,17 +438,17 @@ def _skin(form: Form, grid: _Grid, colours: F32, nail: F64) -> F32:
 
 def _creases(form: Form, grid: _Grid) -> F64:
     """Return (h, w) depth of the creases, of the deepest's."""
-    creases = np.zeros(grid.along.shape)
+    creases = np.zeros(grid.distance.shape)
     width = max(SKIN.crease_width, SKIN.crease_pixels / grid.scale)
     # They bend towards the tip at both sides.
-    bent = grid.along + (grid.aside / form.tip) ** 2
+    curved_distance = grid.distance + (grid.elevation / form.tip) ** 2
     for joint in form.joints:
-        for place, depth in SKIN.creases:
-            line = np.exp(-(((bent - joint - place) / width) ** 2) / 2)
-            creases = np.maximum(creases, depth * line)
+        for place, share in SKIN.creases:
+            line = np.exp(-(((curved_distance - joint - place) / width) ** 2) / 2)
+            creases = np.maximum(creases, share * line)
     # They are fine lines on top, and end towards the pad.
-    upper = np.clip(0.65 + 0.5 * grid.aside / form.tip, 0, 1)
-    return np.asarray(creases * upper * (np.abs(grid.aside) < 2 * form.tip))
+    top_share = np.clip(0.65 + 0.5 * grid.elevation / form.tip, 0, 1)
+    return np.asarray(creases * top_share * (np.abs(grid.elevation) < 2 * form.tip))
 
 
 def _with_nail(form: Form, grid: _Grid, skin: F64, nail: F64) -> F32:
@@ -450,7 +457,7 @@ def _with_nail(form: Form, grid: _Grid, skin: F64, nail: F64) -> F32:
     border = max(NAIL.border_width, NAIL.border_pixels * step)
     groove = NAIL.border * np.exp(-((nail / border) ** 2) / 2)
     skin = skin * (1 - groove[..., None])
-    is_free = np.clip(NAIL.free_edge + 0.5 - grid.along, 0, 1)[..., None]
+    is_free = np.clip(NAIL.free_edge + 0.5 - grid.distance, 0, 1)[..., None]
     plate = decode(np.array(NAIL.colour, np.uint8))
     edge = decode(np.array(NAIL.free_colour, np.uint8))
     share = np.clip(0.5 + FINE * nail / step, 0, 1)[..., None]

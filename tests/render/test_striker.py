@@ -204,10 +204,11 @@ def _at(sprite: Sprite, along: float, above: float) -> F64:
     return np.asarray(sprite.light[part].mean(axis=(0, 1)), np.float64)
 
 
-@pytest.mark.parametrize("is_from_side", [True, False])
-def test_nail_is_brighter_than_the_skin_around_it(is_from_side: bool) -> None:
+@pytest.mark.parametrize(("is_from_side", "above"), [(True, 4.4), (False, 0)])
+def test_nail_is_brighter_than_the_skin_around_it(
+    is_from_side: bool, above: float
+) -> None:
     sprite = _finger(is_from_side)
-    above = 4.4 if is_from_side else 0
     nail = luminance(_at(sprite, 8, above))
     for along, aside in ((18, above), (8, above - 5 if is_from_side else 5)):
         assert nail > 1.1 * luminance(_at(sprite, along, aside))
