@@ -102,6 +102,7 @@ class Store:
 
     def clips(self, folder: str) -> Iterator[Path]:
         """Yield the paths of all clips in or below a folder. List each folder once."""
+        # Stores return paths with or without a leading slash.
         root = self._root.strip("/")
         for place, folders, files in self._files.walk(self._path(folder)):
             if MANIFEST in files:
@@ -153,6 +154,7 @@ class Shipper:
         for edit in options.overrides:
             if edit.split("=")[0] in FILE_KEYS:
                 edits.append(edit)
+        # Only overrides that name files can change the inputs.
         key = (job.scene, options.variant, *edits)
         if key not in self._inputs:
             load = partial(pipeline.load, allow_outside=options.allow_outside)
@@ -184,6 +186,7 @@ class Shipper:
         """Upload the inputs of a scene. If the scene does not load, upload only
         its file.
         """
+        # The first attempt that loads gives the files of the scene.
         hashes: dict[Path, str] = {}
         for load in attempts:
             # The worker reports the fault.
@@ -195,6 +198,7 @@ class Shipper:
                 break
         if not hashes and path.is_file():
             hashes[path] = file_hash(path)
+        # Jobs with equal inputs share the uploaded files.
         names = {}
         for file, digest in hashes.items():
             name = f"{INPUTS}/{digest}"

@@ -78,6 +78,7 @@ def _perceive(
         folder = video.parent
     with bar.ticking():
         bar.show(BEGIN, 0, 1)
+        # Several photos share one load of the models.
         if len(options.image) > 1:
             options.output = folder
             result = perceive_photos(options, bar)

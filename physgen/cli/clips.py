@@ -151,6 +151,7 @@ def _story_edits(
         if getattr(options, flag):
             found = f'"{options.story}"'
             raise Message.STORY_WITH_OTHERS.error("--story", found, flag=f"--{flag}")
+    # A story needs a duration, which `auto` leaves to the simulation.
     compilation, _ = stages.ended(scene, compilation)
     opened = _open_scene(path, options.allow_outside)
 
@@ -245,6 +246,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         checks.append(partial(choose_formats, options.export, "--export"))
     refiner, overrides = collect(checks)[0]
     models = {"refine": options.refine, "config": options.config}
+    # All jobs of a command share these options; each job adds its scene and edits.
     common = RenderOptions(
         allow_outside=options.allow_outside,
         formats=tuple(map(Format, options.format or DEFAULT_FORMATS)),

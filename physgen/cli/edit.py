@@ -143,12 +143,14 @@ def edit_file(options: argparse.Namespace) -> int:
     if "to" in options:
         words.append(options.to)
     _refuse_scene_behind(options.command, path, words)
+    # A scene with faults is refused before any change of its file.
     before = OpenedScene(path, options.allow_outside)
     scene = before.scene()
     check_writable(path.resolve().parent)
     _refuse_other_names(scene, path, options.objects)
     _check_names(scene, path, options)
     correction = _edit_objects(path, options)
+    # The edited text is validated before the file is replaced.
     _check_edited(before, OpenedScene(path, options.allow_outside, correction.text))
     folder = getattr(correction, "folder", None)
     if folder is not None and scene.assets is not None:
@@ -237,6 +239,7 @@ def _refuse_other_names(scene: Scene, path: Path, names: Sequence[str]) -> None:
     for name in names:
         if name in objects:
             continue
+        # A list with commas is a common mistake for several arguments.
         parts = list(filter(None, re.split(r"[,;\s]+", name)))
         if len(parts) > 1 and objects.issuperset(parts):
             raise Message.SEVERAL_NAMES_IN_ONE.error(
@@ -253,6 +256,7 @@ def _scene(options: argparse.Namespace) -> tuple[Path, bool]:
     path: Path = options.scene
     if not path.is_file() or path.suffix.lower() in SCENES:
         return path, False
+    # An existing scene may contain the work of a user.
     scene = path.with_name(f"{path.stem}.yaml")
     if scene.exists():
         print_error(

@@ -237,6 +237,7 @@ def run_study(options: argparse.Namespace) -> int:
         return _read_study(options)
     from physgen.evaluate.study import check_page, make, methods_in, write_study
 
+    # Answers without a key are a mistake, since they need the key of their study.
     if any(path.suffix == ".json" for path in options.paths):
         raise Message.KEY_MISSING.error("--key")
     if len(options.paths) > 1:

@@ -24,6 +24,7 @@ def export(options: argparse.Namespace) -> int:
 
     check_folder_name(options.output)
     choose_formats(options.format)
+    # Labels are made by the same jobs as clips, without a video.
     jobs = []
     for path in options.scenes:
         for variant in variants_of(path, options):

@@ -30,6 +30,7 @@ def gallery(options: argparse.Namespace) -> int:
         check_writable(index.parent)
     if not index.is_dir() and not clips_in(folders):
         raise Message.NO_PHYSGEN_CLIPS.error(", ".join(map(str, folders)))
+    # The page is written last, after all checks of its name and folders.
     bar = Bar()
     page = write_gallery(
         folders, index, title=options.title, progress=bar.show, keep=print_backup

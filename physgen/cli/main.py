@@ -136,6 +136,7 @@ def build_parser() -> Parser:
     )
     parser.add_argument("--version", action="version", version=f"physgen {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    # A command is one row of the registry: its module adds its own flags.
     for command in COMMANDS.values():
         sub = commands.add_parser(
             command.name,

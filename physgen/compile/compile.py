@@ -159,6 +159,8 @@ def rail_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
         first_end, second_end = np.array(item.points, np.float64)
         rail = second_end - first_end
         center = centers[item.objects[0]]
+        # The place along the rail as a share of its length: below 0 and above 1 are
+        # beyond an end.
         part = float((center - first_end) @ rail / (rail @ rail))
         distance = max(-part, part - 1) * float(np.hypot(*rail))
         if distance > RAIL_END:
@@ -202,6 +204,7 @@ def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
     fields = []
     for item in scene.fields:
         named_bodies = sorted({index[name] for name in item.objects})
+        # Without names, a field acts on all dynamic objects.
         if named_bodies:
             targets = tuple(
                 k for k in named_bodies if bodies[k].motion is Motion.DYNAMIC
@@ -226,6 +229,7 @@ def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
                 radians(item.spin),
             )
         )
+    # The work of a step grows with the number of pulls.
     pulls = sum(len(field.bodies) for field in fields)
     if pulls > Limit.PULLS.most:
         raise Limit.PULLS.error(scene.place("fields"), "fields", f"{pulls:,} pulls")
@@ -268,6 +272,7 @@ def mass_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
             )
     if not sound or not dynamic:
         return
+    # Contacts of very different masses need too many iterations.
     light = min(dynamic, key=lambda body: body.mass)
     heaviest = max(dynamic, key=lambda body: body.mass)
     if heaviest.mass >= FARTHEST * light.mass:
@@ -339,6 +344,8 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> CompiledScene:
     shown = snapped_to_boundaries(
         scene, shapes.outlines, [it is None for it in shapes.written_outlines]
     )
+    # The outlines of the photo come first, and then the place of each object in the
+    # scene.
     outlines = tuple(map(placed_outline, shown, scene.objects))
     bodies = _compile_bodies(scene, shown, outlines)
     joints = joints_of(scene, bodies)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import cv2
 import numpy as np
@@ -97,26 +98,29 @@ def doubtful_ids(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
     """Yield warnings about ids of doubtful regions without pixels, or with an
     object.
     """
-    owners, named_ids = (
-        {
-            name: entry["mask"]
-            for name, entry in entries.items()
-            if isinstance(entry.get("mask"), int)
-        }
-        for entries in (scene.document["objects"], scene.document.get("doubtful", {}))
-    )
-    owners = {mask: name for name, mask in owners.items()}
-    if named_ids and maps is not None:
-        owners_by_id = set(np.unique(maps.labels).tolist())
-    else:
-        owners_by_id = set(named_ids.values())
-    for name, mask in named_ids.items():
+    object_ids = _mask_ids(scene.document["objects"])
+    owners = {mask: name for name, mask in object_ids.items()}
+    doubtful_regions = _mask_ids(scene.document.get("doubtful", {}))
+    # Without maps, all ids count as present.
+    present_ids = set(doubtful_regions.values())
+    if doubtful_regions and maps is not None:
+        present_ids = set(np.unique(maps.labels).tolist())
+    for name, mask in doubtful_regions.items():
+        path = f"doubtful.{name}.mask"
         if mask in owners:
-            mask_path, message = f"doubtful.{name}.mask", Message.DOUBTFUL_IS_OBJECT
-            yield warning(scene, mask_path, str(mask), message, name=owners[mask])
-        elif mask not in owners_by_id:
-            mask_path = f"doubtful.{name}.mask"
-            yield warning(scene, mask_path, str(mask), Message.DOUBTFUL_ID_MISSING)
+            message = Message.DOUBTFUL_IS_OBJECT
+            yield warning(scene, path, str(mask), message, name=owners[mask])
+        elif mask not in present_ids:
+            yield warning(scene, path, str(mask), Message.DOUBTFUL_ID_MISSING)
+
+
+def _mask_ids(entries: Mapping[str, Any]) -> dict[str, int]:
+    """Return the numeric mask ids of entries, by name."""
+    ids = {}
+    for name, entry in entries.items():
+        if isinstance(entry.get("mask"), int):
+            ids[name] = entry["mask"]
+    return ids
 
 
 def _mean_difference(picture: U8, reference: U8, region: Mask) -> NDArray[np.int16]:
@@ -153,6 +157,7 @@ def missed_masks(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
         fix = "correct the outline or the mask"
         if scene.document["objects"][item.name].get("shape") != "outline":
             fix = f"write shape: outline, or {fix}"
+        # The shape may miss a part of the mask, or reach beyond the mask.
         differences = _shape_differences(item, outline, mask, compilation)
         messages = (Message.SHAPE_MISSES_MASK, Message.SHAPE_BEYOND_MASK)
         for part, message in zip(differences, messages, strict=True):

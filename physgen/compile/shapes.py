@@ -53,6 +53,7 @@ def object_labels(
     width, height = scene.size
     out = np.zeros((height, width), np.uint16)
     problems = []
+    # Nearer layers overwrite farther ones.
     for k in sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer):
         item = scene.objects[k]
         outline = written_outlines[k]
@@ -172,6 +173,8 @@ def fit_masks(
             )
             continue
         scenery |= mask
+        # A boundary behind an object is fitted alone, since a hole in it would trap the
+        # object.
         if joint_labels[mask].any():
             lone_regions[k] = fit_regions(without_specks(mask).astype(np.int64))[1]
         else:

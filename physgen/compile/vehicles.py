@@ -111,6 +111,7 @@ def place_wheels(
     wheels = []
     for wheel in item.wheels:
         disc = Disc(np.array(wheel.center, np.float64), wheel.radius)
+        # A wheel of a mask is a bit off its road; a written place is meant.
         if item.place is None and lines:
             new_disc = stand_on_lines(disc, lines)
             assert isinstance(new_disc, Disc)
@@ -128,6 +129,7 @@ def chassis_pieces(
     """
     body = _polygon(outline)
     for wheel in wheels:
+        # The wheel needs room to turn.
         radius = wheel.radius * (1 + VEHICLE.gap)
         middle = shapely.Point(center + wheel.axle)
         body = body.difference(middle.buffer(radius, quad_segs=VEHICLE.corners // 4))

@@ -87,6 +87,7 @@ def _idle_striker(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]
     enter = scene.render.enter
     if enter is Striker.NONE:
         return
+    # A striker needs an object with a push at t = 0, and time that runs forwards.
     pushed = set()
     for push in scene.forces:
         if push.load is Load.IMPULSE and push.start == 0 and any(push.vector):
@@ -111,6 +112,7 @@ def _without_effect(scene: Scene, compilation: CompiledScene) -> Iterator[Proble
     """Yield warnings about keys that a reader expects to change the clip, but that do
     not.
     """
+    # A key without an effect is probably a mistake, but no error.
     motion = {item.name: item.motion for item in scene.objects}
     if scene.world.table_friction > 0 and scene.world.view is not View.TOP:
         friction = f"{scene.world.table_friction:g}"

@@ -141,6 +141,7 @@ class Sample:
         picture[HORIZON:] = (150, 110, 70)
         rows, columns = np.indices(self.labels.shape)
         x, y, radius = BALL
+        # A shaded ball, so that backends see its shape.
         offset = np.hypot(columns - x, rows - y) / radius
         ball = offset <= 1
         shading = 0.5 + 0.5 * np.sqrt(np.maximum(0, 1 - offset**2))
@@ -307,6 +308,7 @@ def _measure(row: Backend, setup: Setup, sample: Sample) -> dict[str, Any]:
     """Return times and memory of a load and a run, by the fields of `BackendCheck`."""
     arguments = INPUTS[row.role](sample)
     extra = {key: getattr(sample, key) for key in row.uses}
+    # Peaks are those of this load and run only.
     reset_peak_memory()
     _reset_gpu_peak()
     memory = peak_memory()

@@ -82,6 +82,8 @@ def clips_in(path: Path) -> list[Source]:
         if not path.is_file():
             raise Message.NO_SUCH_PATH.error(str(path))
         return [Source(path)]
+    # A rendered clip has a video of a known name, and further pictures that do not
+    # count.
     for name in CLIP_NAMES:
         if (path / name).exists():
             return [Source(path / name)]
@@ -147,6 +149,7 @@ class Rule:
                 wanted=self.count,
                 count=len(frames),
             )
+        # Even frames keep the first and the last.
         numbers = np.rint(np.linspace(0, len(frames) - 1, self.count))
         return [frames[k] for k in numbers.astype(int)]
 

@@ -210,6 +210,7 @@ def choose_object(scene: Scene, world: World, name: str | None) -> int:
     Without a name, choose the pushed object of the scene, or the first moving one, or
     the first. Raise InputError if the object cannot be pushed.
     """
+    # Fixed and scripted objects do not answer to a push.
     dynamic_names = []
     for body in world.bodies:
         if body.motion is Motion.DYNAMIC:
@@ -304,6 +305,8 @@ def count_growth(outcomes: Sequence[Outcome]) -> Share:
     """Return the number of steps to a harder push with a larger answer, and of all
     steps.
     """
+    # Lengths are rounded to the tolerance, so that half of it separates a step from
+    # none.
     steps = [b - a for a, b in pairwise(_lengths(outcomes))]
     return sum(step > CONSTANTS.tolerance / 2 for step in steps), len(steps)
 
@@ -347,6 +350,7 @@ class PushGroup:
         for outcome in self.outcomes:
             push = outcome.push
             x = float(outcome.free_response[0])
+            # A push straight up has no side.
             is_sideways = abs(push.x) > 1e-6 * push.size
             if is_sideways and abs(x) >= CONSTANTS.min_length:
                 sides.append(push.x * x > 0)

@@ -305,6 +305,7 @@ def measure(
     cannot be read or compared.
     """
     clips_by_name = {REFERENCE: reference, **methods}
+    # Flows of all sides share one scale of colours, that of the reference.
     full_colour = _check_sides(clips_by_name, settings, progress)
     sides = {}
     for name, clips in clips_by_name.items():
@@ -312,6 +313,7 @@ def measure(
         for k, clip in enumerate(clips):
             progress(f"look at {name}", k, len(clips))
             _add_clip(side, clip, features, settings, full_colour)
+    # All clips are read before any distance, so that problems appear at once.
     truth = sides.pop(REFERENCE)
     by_kind = {}
     for kind in KINDS:

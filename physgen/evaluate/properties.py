@@ -274,6 +274,7 @@ def order(true: Mapping[str, float], answers: Mapping[str, float]) -> Order:
     for first, second in combinations(true, 2):
         if true[first] == true[second]:
             continue
+        # Pairs with equal true values have no right order.
         larger, smaller = first, second
         if true[first] < true[second]:
             larger, smaller = second, first
@@ -306,6 +307,8 @@ def ask(
             photo_object = PhotoObject(1, outline, item.label)
             scale = scale_by_labels([photo_object])
             if with_size and item.size:
+                # A known size gives the scale, as an object of known size does in a
+                # photo.
                 longest_m = max(item.size) / 1000
                 scale = box_sides(outline)[0] / longest_m
             matter = physics(rgb, [photo_object], scale)
@@ -360,6 +363,7 @@ def silhouette(item: Item) -> tuple[Rgb, Outline]:
         if item.form is Form.TURNED:
             height, width = size
         else:
+            # A box shows its two longest sides.
             height, width = sorted(size)[-2:]
         signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         corners = signs * (width, height) / 2
@@ -471,6 +475,7 @@ def _mass_sets(table: Objects, answers: Mapping[str, Answer]) -> dict[str, Masse
         if not is_regulated(pair.item.label):
             free_pairs.append(pair)
     pairs_by_set = {table.title: pairs}
+    # Weights of balls for sports are rules, not physics: both sets are of interest.
     if 0 < len(free_pairs) < len(pairs):
         pairs_by_set["without regulated weights"] = free_pairs
     sets = {}

@@ -95,6 +95,7 @@ def read_answers(files: Sequence[Path], key: Key) -> Answers:
         except InputError as error:
             problems += error.problems
             continue
+        # Names differ in case only by a slip.
         previous = raters.setdefault(rater.name.casefold(), rater)
         if previous.session != rater.session:
             problem = Message.RATER_TWICE.problem(
@@ -119,6 +120,7 @@ def _score_arrays(raters: Sequence[Rater], key: Key) -> dict[str, Scores]:
     arrays = {question.key: np.zeros(shape, np.int64) for question in QUESTIONS}
     for r, rater in enumerate(raters):
         for clip, scores in rater.scores.items():
+            # Clips have random names, so that raters do not know the method.
             method, scene = key.clips[clip]
             m = key.methods.index(method)
             s = key.scenes.index(scene)
@@ -201,6 +203,8 @@ class Draws:
     def sums(self, values: F64) -> F64:
         """Return the sum of (R, M, S) values in every draw, (B, M)."""
         raters, methods, scenes = values.shape
+        # Each draw weights raters and scenes by their counts: two products sum all of
+        # them.
         rater_sums = self._raters @ values.reshape(raters, -1)
         rater_sums = rater_sums.reshape(-1, methods, scenes)
         scene_sums = (rater_sums * self._scenes[:, None]).sum(axis=2)
@@ -250,7 +254,9 @@ def agreement(scores: Scores, seed: int = 0) -> Mean:
     interval draws clips, not raters: a rater drawn twice would agree with himself.
     """
     points = range(1, POINTS + 1)
+    # Alpha needs only how often each clip got each score.
     counts = np.stack([(scores == point).sum(axis=0) for point in points], axis=1)
+    # A single rating of a clip tells nothing about agreement.
     counts = counts[counts.sum(axis=1) > 1]
     if _is_meaningless(counts):
         return Mean(None)

@@ -123,6 +123,7 @@ def events(clip: Clip) -> tuple[Event, ...]:
         *_motions(world, trajectory),
         *_border_crossings(world, trajectory, clip.shot),
     ]
+    # Simultaneous events have a fixed order, so that files do not change between runs.
     kinds = list(EventKind)
     found.sort(key=lambda event: (event.time, kinds.index(event.kind), event.surfaces))
     return tuple(found)
@@ -374,6 +375,7 @@ def _outside_distances(
         low = places - body.radius
         high = places + body.radius
     else:
+        # The extent of a turned outline, at every sample at once.
         x, y = np.concatenate(body.rings).T
         c = np.cos(poses[:, 2:])
         s = np.sin(poses[:, 2:])
@@ -482,6 +484,7 @@ def _event_json(clip: Clip, event: Event) -> dict[str, Any]:
     if event.impulse is not None:
         newton_seconds = clip.scale.newton_seconds(event.impulse)
         impulse = {"g_px_s": event.impulse, "N_s": newton_seconds}
+    # Empty fields are left out below, so that readers can test for a key.
     row: dict[str, Any] = {
         "kind": event.kind.value,
         "time": event.time,

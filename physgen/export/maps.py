@@ -305,6 +305,7 @@ class Normals(Writer):
         angle = float(view.poses[body, 2] - self._start[body, 2])
         c = np.cos(angle)
         s = np.sin(angle)
+        # Normals turn with the object about the viewing axis.
         x_row = [c, -s, 0]
         y_row = [s, c, 0]
         rotation = np.array([x_row, y_row, [0, 0, 1]])

@@ -156,6 +156,7 @@ class Tapvid(Writer):
         owners = np.repeat(np.arange(len(counts)), counts)
         frames = _choose_frames(areas, counts, rng)
         places = np.empty((len(owners), 2))
+        # The ids of a frame are decompressed once for all its points.
         for frame in np.unique(frames):
             is_here = frames == frame
             groups = []

@@ -55,6 +55,7 @@ def circle_votes(
 
     `grey` (h, w) has 8-bit codes; edges in and beside `region` (h, w) vote.
     """
+    # Grain would turn the gradients of single pixels.
     blurred_grey = cv2.GaussianBlur(grey, (0, 0), 1.0)
     gx = cv2.Sobel(blurred_grey, cv2.CV_32F, 1, 0)
     gy = cv2.Sobel(blurred_grey, cv2.CV_32F, 0, 1)
@@ -62,11 +63,14 @@ def circle_votes(
     surroundings = cv2.dilate(region.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     if not surroundings.any():
         return np.zeros((len(radii), *grey.shape), np.float32)
+    # The limit follows the picture: a pale wheel has weak edges.
     lowest_gradient = max(float(np.quantile(size[surroundings], STRONG)), WEAKEST)
     rows, columns = np.nonzero(surroundings & (size >= lowest_gradient))
     directions = np.stack([gx, gy])[:, rows, columns] / size[rows, columns]
     edges = _Edges(rows, columns, directions)
     votes = []
+    # Votes of one radius add up at the centre; those of other radii form a ring
+    # around it.
     for radius in radii:
         total = edges.votes(radius, grey.shape)
         spread = max(SPREAD * radius, 1.0)

@@ -37,7 +37,9 @@ def fit_circle(mask: Mask, border: Array) -> tuple[Disc, float]:
     rows = np.flatnonzero(mask.any(axis=1))
     columns = np.flatnonzero(mask.any(axis=0))
     low = np.array([columns[0], rows[0]], dtype=np.float64)
-    box = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    row_span = slice(rows[0], rows[-1] + 1)
+    column_span = slice(columns[0], columns[-1] + 1)
+    box = mask[row_span, column_span]
     stride = max(1, max(box.shape) // _GRID)
     score = _Score(mask, stride)
     j, i = np.nonzero(box)
@@ -65,6 +67,7 @@ def _pattern_search(score: _Score, circle: Array, stride: int) -> Array:
     step = max(0.04 * circle[2], 0.5)
     while step > 0.02 * stride:
         trials = [circle + step * move for move in _MOVES]
+        # Step to the best neighbour; without a better one, halve the step.
         values = list(map(score.iou, trials))
         best = int(np.argmax(values))
         if values[best] > value + 1e-9:
@@ -88,7 +91,8 @@ def robust_circle(points: Array) -> Array:
     squares = (local * local).sum(axis=1)
     for _ in range(12):
         # Kasa's equation 2 x cx + 2 y cy + c = x² + y² is linear in the unknowns.
-        design = np.column_stack([2 * local, np.ones(len(local))]) * weight[:, None]
+        design = np.column_stack([2 * local, np.ones(len(local))])
+        design *= weight[:, None]
         solution, *_ = np.linalg.lstsq(design, squares * weight, rcond=None)
         x, y, c = solution
         radius = sqrt(max(c + x * x + y * y, 1e-6))
@@ -97,6 +101,8 @@ def robust_circle(points: Array) -> Array:
         # Robust standard deviation of the errors from their median, at least a quarter
         # pixel.
         scale = max(1.4826 * float(np.median(np.abs(error))), 0.25)
+        # Tukey's weights exclude points beyond 4.7 deviations, as of a stem
+        # or a hand.
         share = 1 - (error / (4.7 * scale)) ** 2
         weight = np.sqrt(np.clip(share, 0, None)) + 1e-6
     return circle
@@ -121,6 +127,7 @@ class _Score:
         height, width = mask.shape
         rows = np.flatnonzero(mask.any(axis=1))
         columns = np.flatnonzero(mask.any(axis=0))
+        # A circle may extend beyond its mask by half the mask's size.
         margin = max(rows[-1] - rows[0], columns[-1] - columns[0]) // 2 + 2
         top = max(rows[0] - margin, 0)
         bottom = min(rows[-1] + margin + 1, height)
@@ -135,23 +142,24 @@ class _Score:
         self._mask = part
         self._area = float(part.sum())
         # After rounding to whole samples, the spacing differs slightly from the stride.
-        self._dx, self._dy = (
-            (right - left) / part.shape[1],
-            (bottom - top) / part.shape[0],
-        )
-        self._x = (
-            left - 0.5 + (np.arange(part.shape[1], dtype=np.float32) + 0.5) * self._dx
-        )
-        self._y = (
-            top - 0.5 + (np.arange(part.shape[0], dtype=np.float32) + 0.5) * self._dy
-        )
+        row_count, column_count = part.shape
+        self._dx = (right - left) / column_count
+        self._dy = (bottom - top) / row_count
+        column_middles = np.arange(column_count, dtype=np.float32) + 0.5
+        row_middles = np.arange(row_count, dtype=np.float32) + 0.5
+        self._x = left - 0.5 + column_middles * self._dx
+        self._y = top - 0.5 + row_middles * self._dy
 
     def iou(self, circle: Array) -> float:
         x, y, radius = circle
         if radius <= 0:
             return 0.0
         # In place, since large masks are compared with thousands of circles.
-        inside = (self._x[None, :] - x) ** 2 + (self._y[:, None] - y) ** 2
+        dx = self._x[None, :] - x
+        dy = self._y[:, None] - y
+        inside = dx**2 + dy**2
+        # The coverage of a pixel follows from the distance of its centre to
+        # the circle.
         np.sqrt(inside, out=inside)
         np.subtract(radius, inside, out=inside)
         inside /= max(self._dx, self._dy)
@@ -222,9 +230,8 @@ class _Problem:
         self.group = _groups([float(r.disc.radius) for r in discs], contacts)
         touching = {(min(pair), max(pair)) for pair in contacts}
         self.pairs = _neighbours_of([r.disc for r in discs])
-        self.touching = np.array(
-            [(int(i), int(j)) in touching for i, j in self.pairs], dtype=bool
-        )
+        is_touching = [(int(i), int(j)) in touching for i, j in self.pairs]
+        self.touching = np.array(is_touching, dtype=bool)
         self.obstacles = [
             (i, _edges(region), touches)
             for i, near in obstacles.items()
@@ -233,12 +240,11 @@ class _Problem:
 
     def start(self) -> Array:
         radii = np.array([r.disc.radius for r in self.rough])
-        shared_circles = []
+        centers = np.array([r.disc.center for r in self.rough])
+        shared_radii = []
         for g in range(int(self.group.max()) + 1):
-            shared_circles.append(radii[self.group == g].mean())
-        return np.concatenate(
-            [np.array([r.disc.center for r in self.rough]).ravel(), shared_circles]
-        )
+            shared_radii.append(radii[self.group == g].mean())
+        return np.concatenate([centers.ravel(), shared_radii])
 
     def split(self, state: Array) -> tuple[Array, Array]:
         centers = state[: 2 * self.count].reshape(-1, 2)
@@ -248,8 +254,12 @@ class _Problem:
     def solve(self, state: Array, stiffness: float) -> Array:
         for _ in range(30):
             normal, gradient = self.equations(state, stiffness)
-            step = np.linalg.solve(normal + 1e-6 * np.eye(len(state)), -gradient)
-            step *= min(1.0, 2.0 / max(float(np.abs(step).max()), 1e-12))
+            # A small multiple of the identity keeps undetermined discs in place.
+            damped_normal = normal + 1e-6 * np.eye(len(state))
+            step = np.linalg.solve(damped_normal, -gradient)
+            # Long steps would leave the region in which the equations are valid.
+            largest_step = max(float(np.abs(step).max()), 1e-12)
+            step *= min(1.0, 2.0 / largest_step)
             state = state + step
             if float(np.abs(step).max()) < 1e-7:
                 break
@@ -311,18 +321,23 @@ class _Problem:
         offset = rough_disc.border - center
         length = np.maximum(np.hypot(*offset.T), 1e-9)
         residual = length - radius
-        jacobian = np.column_stack([-offset / length[:, None], -np.ones(len(offset))])
-        huber = 1.0 / np.maximum(np.abs(residual), 1.0)  # 1 px
-        weight = rough_disc.weight * huber / max(float(rough_disc.weight.sum()), 1e-9)
+        by_center = -offset / length[:, None]
+        by_radius = -np.ones(len(offset))
+        jacobian = np.column_stack([by_center, by_radius])
+        # Huber's weights: residuals of over 1 px count only linearly.
+        huber = 1.0 / np.maximum(np.abs(residual), 1.0)
+        total_weight = max(float(rough_disc.weight.sum()), 1e-9)
+        weight = rough_disc.weight * huber / total_weight
         system.add(self._columns(i), jacobian, residual, weight)
 
     def _contact_row(self, size: int, i: int, j: int, direction: Array) -> Array:
         """Return the derivatives of the gap between two discs."""
         x, y = direction
         row = np.zeros(size)
-        row[[2 * i, 2 * i + 1, 2 * j, 2 * j + 1]] = [-x, -y, x, y]
-        row[2 * self.count + int(self.group[i])] -= 1
-        row[2 * self.count + int(self.group[j])] -= 1
+        row[[2 * i, 2 * i + 1]] = [-x, -y]
+        row[[2 * j, 2 * j + 1]] = [x, y]
+        for disc in (i, j):
+            row[2 * self.count + int(self.group[disc])] -= 1
         return row
 
     def apart(self, state: Array) -> list[Disc]:
@@ -345,6 +360,7 @@ class _Problem:
         """Reduce `radii` (n,) in place until no two discs overlap."""
         i, j = self.pairs.T
         length = np.hypot(*(centers[j] - centers[i]).T)
+        # Each round shares the overlap of a pair between both discs.
         for _ in range(200):
             excess = radii[i] + radii[j] - length
             largest = np.zeros(self.count)
@@ -382,6 +398,7 @@ def _groups(
             i = root[i]
         return i
 
+    # Join the groups of touching discs.
     for i, j in contacts:
         root[find(j)] = find(i)
     group = np.arange(len(radii))
@@ -399,10 +416,13 @@ def _groups(
 
 def _neighbours_of(discs: Sequence[Disc]) -> NDArray[np.intp]:
     """Return pairs `(m, 2)` of discs that might overlap after moves by a few px."""
+    # The pairs are found once, so that their list includes those that may meet
+    # later.
     centers = np.array([disc.center for disc in discs])
     radii = np.array([disc.radius for disc in discs])
     x, y = (centers[:, None] - centers[None]).transpose(2, 0, 1)
-    is_neighbour = np.hypot(x, y) < 1.3 * (radii[:, None] + radii[None]) + 8
+    radius_sums = radii[:, None] + radii[None]
+    is_neighbour = np.hypot(x, y) < 1.3 * radius_sums + 8
     i, j = np.nonzero(np.triu(is_neighbour, 1))
     return np.column_stack([i, j]).astype(np.intp)
 
@@ -421,17 +441,26 @@ def _clearance(edges: tuple[Array, Array], point: Array) -> tuple[float, Array]:
     start, end = edges
     edge = end - start
     length_squared = np.maximum((edge * edge).sum(1), 1e-300)
-    share = np.clip(((point - start) * edge).sum(1) / length_squared, 0, 1)
+    projection = ((point - start) * edge).sum(1)
+    share = np.clip(projection / length_squared, 0, 1)
     offset = point - start - share[:, None] * edge
     length = np.hypot(*offset.T)
     nearest = int(np.argmin(length))
+    distance = float(length[nearest])
+    direction = offset[nearest] / max(distance, 1e-12)
+    if _is_inside(edges, point):
+        return -distance, -direction
+    return distance, direction
+
+
+def _is_inside(edges: tuple[Array, Array], point: Array) -> bool:
+    """Return whether a point is inside a region."""
+    start, end = edges
     # A point is inside if its row crosses an odd number of edges on one side.
-    crosses_row = (start[:, 1] <= point[1]) != (end[:, 1] <= point[1])
-    downwards = np.where(end[:, 1] > start[:, 1], 1.0, -1.0)
-    side = cross(edge, point - start) * downwards
-    is_inside = int((crosses_row & (side > 0)).sum()) % 2 == 1
-    sign = 1.0
-    if is_inside:
-        sign = -1.0
-    direction = offset[nearest] / max(float(length[nearest]), 1e-12)
-    return sign * float(length[nearest]), sign * direction
+    start_rows = start[:, 1]
+    end_rows = end[:, 1]
+    crosses_row = (start_rows <= point[1]) != (end_rows <= point[1])
+    downwards = np.where(end_rows > start_rows, 1.0, -1.0)
+    side = cross(end - start, point - start) * downwards
+    crossings = crosses_row & (side > 0)
+    return int(crossings.sum()) % 2 == 1

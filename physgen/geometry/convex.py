@@ -76,6 +76,7 @@ def _join(pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
     """Replace neighbours of different rings by their hull, if the hull only adds the
     seam.
     """
+    # All pairs are compared, so that the work grows with the cube of the pieces.
     if len({ring for ring, _ in pieces}) < 2 or len(pieces) > PIECES.max_pieces:
         return pieces
     while True:
@@ -105,6 +106,7 @@ def _as_one(a: Array, b: Array) -> Array | None:
     """Return the hull of two convex polygons that are convex together except for a
     seam.
     """
+    # Most pairs are far apart, which their boxes show without a hull.
     is_left_or_above = (a.min(axis=0) > b.max(axis=0) + PIECES.seam).any()
     if is_left_or_above or (b.min(axis=0) > a.max(axis=0) + PIECES.seam).any():
         return None
@@ -117,11 +119,13 @@ def _as_one(a: Array, b: Array) -> Array | None:
     depth = depth / np.hypot(*edges.T)[:, None]
     if (depth.min(axis=0) > PIECES.flush).any():
         return None
+    # The exact distance takes longest and comes last.
     gap = shapely.Polygon(a).distance(shapely.Polygon(b))
     if gap > PIECES.seam:
         return None
     # The seam itself may add the area of a narrow strip, but no more.
-    longest = float(np.hypot(*np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))))
+    common_size = np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))
+    longest = float(np.hypot(*common_size))
     added_area = _area(hull) - _area(a) - _area(b)
     if added_area <= (gap + PIECES.flush) * longest:
         return hull
@@ -147,6 +151,7 @@ def _ring_pieces(ring: Ring) -> list[Array]:
             borders.append(corners)
     if not borders:
         return []
+    # Ear cutting takes all borders in one array, with the end of each.
     points = np.concatenate(borders)
     ends = np.cumsum(list(map(len, borders))).astype(np.uint32)
     # Relative to the middle, since ear cutting compares products of coordinates.
@@ -212,6 +217,7 @@ def _is_convex(xy: list[list[float]], before: int, corner: int, after: int) -> b
 
 def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
     """Remove inner edges, the longest first, if both faces together are convex."""
+    # Numbers of Python are faster than elements of arrays in this loop.
     xy = points.tolist()
     # Each directed edge belongs to one face; an inner edge occurs in both directions.
     edges: dict[tuple[int, int], int] = {}
@@ -224,6 +230,7 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
             inner.append((start, end))
 
     length = partial(_squared_length, xy)
+    # Long edges first: the pieces become compact rather than slender.
     for start, end in sorted(inner, key=length, reverse=True):
         left = edges[start, end]
         right = edges[end, start]

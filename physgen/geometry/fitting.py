@@ -69,6 +69,7 @@ def disc_of(mask: Mask, is_whole_mask: bool) -> Disc | None:
     """
     border = long_border(mask)
     disc, iou = fit_circle(mask, border)
+    # A completely visible disc must match better than a partly hidden one.
     lowest_iou = CIRCLE_IOU
     if is_whole_mask:
         lowest_iou = max(CIRCLE_IOU, FIT.round_iou - 1 / disc.radius)
@@ -87,17 +88,22 @@ def stands_flat(part: NDArray[np.integer], i: int, disc: Disc) -> bool:
     rows, columns = np.nonzero(mask)
     last = rows.max()
     foot = columns[rows >= last - 1]
+    # The part of the circle below the last row of the mask.
     depth = float(disc.center[1]) + disc.radius - (float(last) + 0.5)
     if depth < max(FIT.foot, FIT.foot_depth * disc.radius):
         return False
+    # The last rows of a ball are narrow; those of a bowl are wide.
     width = float(np.ptp(foot)) + 1
     if width < FIT.foot_width * 2 * np.sqrt(3 * disc.radius):
         return False
+    # Another object, or the photo's border, may hide the rest of a ball.
     if last + 1 >= len(part) or part[last + 1, foot].any():
         return False
     y, x = np.mgrid[: part.shape[0], : part.shape[1]]
     circle = np.hypot(x - disc.center[0], y - disc.center[1]) <= disc.radius
-    return float((mask & circle).sum()) < FIT.foot_iou * float((mask | circle).sum())
+    shared_area = float((mask & circle).sum())
+    union = float((mask | circle).sum())
+    return shared_area < FIT.foot_iou * union
 
 
 def long_border(mask: Mask) -> Array:
@@ -129,6 +135,7 @@ def without_specks(mask: Mask) -> Mask:
     """
     top, bottom, left, right = _box(mask)
     part = mask[top:bottom, left:right]
+    # Small objects consist of few pixels, of which none may be lost.
     smallest_area = float(np.clip(part.sum() / 200, 4, 16))
     pieces, areas = _components(part, 4)
     areas[0] = 0
@@ -160,7 +167,11 @@ def _box(mask: Mask) -> tuple[int, int, int, int]:
     """Return the first row, the last + 1, and the same of columns, of the mask."""
     rows = np.flatnonzero(mask.any(axis=1))
     columns = np.flatnonzero(mask.any(axis=0))
-    return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
+    top = int(rows[0])
+    bottom = int(rows[-1]) + 1
+    left = int(columns[0])
+    right = int(columns[-1]) + 1
+    return top, bottom, left, right
 
 
 def fit_outlines(
@@ -225,6 +236,8 @@ def touching_masks(
     pairs = set()
     id_set = set(ids)
     side = 2 * FIT.touch + 1
+    # Each mask is dilated within its own surroundings, as whole maps would take
+    # long.
     kernel = cv2.getStructuringElement(cv2.MORPH_RECT, (side, side))
     for i, view in _views(labels, ids).items():
         part = labels[view]
@@ -248,6 +261,7 @@ def _views(labels: NDArray[np.integer], ids: Sequence[int]) -> dict[int, View]:
         if i == 0 or i not in boxes:
             raise ValueError(f"no pixel of the label map has id {i}")
         y0, x0, y1, x1 = boxes[i]
+        # The margin contains the rest of a partly hidden circle.
         margin = max(y1 - y0, x1 - x0) // 2 + FIT.touch + 2
         rows = slice(max(y0 - margin, 0), y1 + margin + 1)
         views[i] = (rows, slice(max(x0 - margin, 0), x1 + margin + 1))
@@ -345,6 +359,7 @@ def _rough_shape(
     """
     part = label_map[view]
     local = long_border(part == i)
+    # About 128 points determine a circle; more only take time.
     local = local[:: max(1, len(local) // 128)]
     others = ((part != 0) & (part != i)).astype(np.uint8)
     side = 2 * FIT.touch + 1

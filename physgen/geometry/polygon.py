@@ -49,7 +49,9 @@ def cross(a: Array, b: Array) -> Array:
     >>> float(cross(np.array([1.0, 0.0]), np.array([0.0, 1.0])))
     1.0
     """
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+    falling = a[..., 0] * b[..., 1]
+    rising = a[..., 1] * b[..., 0]
+    return np.asarray(falling - rising)
 
 
 class MassProperties(NamedTuple):
@@ -72,6 +74,8 @@ def polygon_moments(points: Array) -> MassProperties:
     >>> m.area, m.center.tolist(), round(m.second, 9)
     (8.0, [2.0, 1.0], 13.333333333)
     """
+    # Moments about a near point keep their digits, however far the photo's origin
+    # is.
     origin = points.mean(axis=0)
     a = points - origin
     b = np.roll(a, -1, axis=0)
@@ -79,9 +83,13 @@ def polygon_moments(points: Array) -> MassProperties:
     area = float(twice_areas.sum() / 2)
     if area == 0.0:
         return MassProperties(0.0, origin, 0.0)
-    centroid = ((a + b) * twice_areas[:, None]).sum(axis=0) / (6 * area)
-    squares = (a * a).sum(1) + (a * b).sum(1) + (b * b).sum(1)
+    weighted_corners = (a + b) * twice_areas[:, None]
+    centroid = weighted_corners.sum(axis=0) / (6 * area)
+    squares = (a * a).sum(1)
+    squares += (a * b).sum(1)
+    squares += (b * b).sum(1)
     about_origin = float((twice_areas * squares).sum() / 12)
+    # The parallel axis theorem moves the second moment to the centre of mass.
     second = about_origin - area * float(centroid @ centroid)
     return MassProperties(area, centroid + origin, second)
 
@@ -153,8 +161,10 @@ def mass_properties(outline: Outline) -> MassProperties:
     # Sums are about the first centroid: far from the origin, sums about (0, 0) would
     # lose digits.
     origin = parts[0].center
-    shift = sum((part.area * (part.center - origin) for part in parts), np.zeros(2))
-    center = origin + shift / area
+    moment = np.zeros(2)
+    for part in parts:
+        moment = moment + part.area * (part.center - origin)
+    center = origin + moment / area
     second = 0.0
     for part in parts:
         distance = hypot(*(part.center - center))
@@ -177,19 +187,25 @@ def mean_distance(outline: Outline, center: Array) -> float:
     for points, sign in outline.borders:
         start = points - center
         end = np.roll(start, -1, axis=0)
-        edge = end - start
-        length = np.maximum(np.hypot(*edge.T), 1e-12)
-        twice_areas = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
-        height = np.maximum(np.abs(twice_areas) / length, 1e-12)
-        # Tangents of the angles of both ends, measured at the point from the height.
-        from_start = (start * edge).sum(axis=1) / length / height
-        from_end = (end * edge).sum(axis=1) / length / height
-        integral = height**3 / 6 * (_sec_cubed(from_end) - _sec_cubed(from_start))
+        twice_areas = cross(start, end)
+        integral = _distance_integral(start, end, twice_areas)
         part = np.abs(integral) * np.sign(twice_areas)
         turn = sign * np.sign(twice_areas.sum())
         total += turn * float(part.sum())
         area += turn * float(twice_areas.sum()) / 2
     return total / area
+
+
+def _distance_integral(start: Array, end: Array, twice_areas: Array) -> Array:
+    """Return the integral `(K,)` of r² dr dphi over triangles of edges with the origin."""
+    edge = end - start
+    length = np.maximum(np.hypot(*edge.T), 1e-12)
+    height = np.maximum(np.abs(twice_areas) / length, 1e-12)
+    # Tangents of the angles of both ends, measured at the point from the height.
+    from_start = (start * edge).sum(axis=1) / length / height
+    from_end = (end * edge).sum(axis=1) / length / height
+    angle_part = _sec_cubed(from_end) - _sec_cubed(from_start)
+    return np.asarray(height**3 / 6 * angle_part)
 
 
 def _sec_cubed(tangent: Array) -> Array:
@@ -207,7 +223,9 @@ def bounds(outline: Outline) -> tuple[float, float, float, float]:
         points = np.concatenate([ring.outer for ring in outline.rings])
         low = points.min(axis=0)
         high = points.max(axis=0)
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    x0, y0 = low.tolist()
+    x1, y1 = high.tolist()
+    return float(x0), float(y0), float(x1), float(y1)
 
 
 def translated_outline(outline: Outline, offset: Array) -> Outline:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import ceil, floor, pi, sin, sqrt
 
 import cv2
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.arrays import F32
-from physgen.geometry.polygon import Array, Disc, Outline, bounds
+from physgen.geometry.polygon import Array, Disc, Outline, bounds, cross
 
 _SAGITTA = 1e-4
 """Distance of a chord from its circle, px; the coverage is then exact to about 1e-4."""
@@ -22,7 +23,9 @@ def coverage(outline: Outline, size: tuple[int, int]) -> F32:
     width, height = size
     canvas = np.zeros((height, width), dtype=np.float32)
     box, (x0, y0) = coverage_box(outline, (0, 0, width, height))
-    canvas[y0 : y0 + box.shape[0], x0 : x0 + box.shape[1]] = box
+    rows = slice(y0, y0 + box.shape[0])
+    columns = slice(x0, x0 + box.shape[1])
+    canvas[rows, columns] = box
     return canvas
 
 
@@ -38,7 +41,8 @@ def coverage_box(
     width = x1 - x0
     height = y1 - y0
     if window is not None and (width <= 0 or height <= 0):
-        return np.zeros((max(height, 0), max(width, 0)), np.float32), (x0, y0)
+        empty_shape = (max(height, 0), max(width, 0))
+        return np.zeros(empty_shape, np.float32), (x0, y0)
     # Each border segment adds its signed area to the row that it crosses, as
     # differences along the row. Their running sum is the coverage (signed-area
     # accumulation).
@@ -59,12 +63,24 @@ def _pixel_box(
 ) -> tuple[int, int, int, int]:
     """Return the box of an outline's pixels: x0, y0, x1, y1, clipped to a window."""
     left, top, right, bottom = bounds(outline)
-    box = floor(left + 0.5), floor(top + 0.5), ceil(right + 0.5), ceil(bottom + 0.5)
+    box = (
+        floor(left + 0.5),
+        floor(top + 0.5),
+        ceil(right + 0.5),
+        ceil(bottom + 0.5),
+    )
     if window is None:
         return box
-    x0, x1 = (min(max(x, window[0]), window[2]) for x in box[::2])
-    y0, y1 = (min(max(y, window[1]), window[3]) for y in box[1::2])
-    return x0, y0, x1, y1
+    first_column, first_row, last_column, last_row = window
+
+    def clip_column(x: int) -> int:
+        return min(max(x, first_column), last_column)
+
+    def clip_row(y: int) -> int:
+        return min(max(y, first_row), last_row)
+
+    x0, y0, x1, y1 = box
+    return clip_column(x0), clip_row(y0), clip_column(x1), clip_row(y1)
 
 
 def _circle_points(disc: Disc) -> Array:
@@ -72,9 +88,11 @@ def _circle_points(disc: Disc) -> Array:
     `_SAGITTA` off the circle.
     """
     radius = float(disc.radius)
+    # The sagitta of a chord is its squared length over eight radii.
     count = max(12, ceil(pi / sqrt(2 * _SAGITTA / max(radius, 1e-9))))
     step = 2 * pi / count
     angles = np.arange(count) * step
+    # A slightly larger polygon has exactly the disc's area.
     outer_radius = radius * sqrt(step / sin(step))
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     points: Array = disc.center + outer_radius * directions
@@ -88,18 +106,22 @@ def _accumulate(sums: Array, points: Array, sign: float) -> None:
     """
     start = points
     end = np.roll(points, -1, axis=0)
-    turn = float((start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]).sum())
-    if turn < 0:
+    # The direction of the border decides which side is inside.
+    twice_area = float(cross(start, end).sum())
+    if twice_area < 0:
         sign = -sign
     height, width = sums.shape
     start, end = _window(start, end, width - 1, height)
     for axis in (0, 1):
         start, end = _cut(start, end, axis)
+    # After both cuts, each segment lies within a single pixel.
     rise = (end[:, 1] - start[:, 1]) * sign
     middle = (start + end) / 2
-    column = np.clip(np.floor(middle[:, 0]).astype(np.intp), 0, width - 2)
-    row = np.clip(np.floor(middle[:, 1]).astype(np.intp), 0, height - 1)
-    fraction = middle[:, 0] - column
+    x = middle[:, 0]
+    y = middle[:, 1]
+    column = np.clip(np.floor(x).astype(np.intp), 0, width - 2)
+    row = np.clip(np.floor(y).astype(np.intp), 0, height - 1)
+    fraction = x - column
     # On a ring that turns +x towards +y, the inside is to the left of a downward
     # segment.
     np.add.at(sums, (row, column), -rise * (1 - fraction))
@@ -111,73 +133,104 @@ def _window(start: Array, end: Array, width: int, height: int) -> tuple[Array, A
 
     Rows outside are dropped; parts to the left or right move to the box's side.
     """
-    lines = ((0, 0.0), (0, float(width)), (1, 0.0), (1, float(height)))
+    lower_corner = np.zeros(2)
+    upper_corner = np.array([float(width), float(height)])
+    lines = []
+    for axis in (0, 1):
+        lines.append((axis, lower_corner[axis]))
+        lines.append((axis, upper_corner[axis]))
     # Split every segment at each side of the box, so that each piece is wholly inside
     # or outside.
     for axis, line in lines:
-        a = start[:, axis]
-        b = end[:, axis]
-        crosses = (a < line) != (b < line)
-        share = (line - a[crosses]) / (b[crosses] - a[crosses])
-        vectors = end[crosses] - start[crosses]
-        middle = start[crosses] + share[:, None] * vectors
-        middle[:, axis] = line
-        start = np.concatenate([start[~crosses], start[crosses], middle])
-        end = np.concatenate([end[~crosses], middle, end[crosses]])
+        start, end = _split(start, end, axis, line)
     # A piece above or below the box covers no row. One beside it still closes its rows,
     # and moves to the side.
     y = (start[:, 1] + end[:, 1]) / 2
     is_inside = (y > 0) & (y < height)
-    lower_corner = np.zeros(2)
-    upper_corner = np.array([float(width), float(height)])
-    return np.clip(start[is_inside], lower_corner, upper_corner), np.clip(
-        end[is_inside], lower_corner, upper_corner
-    )
+    clipped_start = np.clip(start[is_inside], lower_corner, upper_corner)
+    clipped_end = np.clip(end[is_inside], lower_corner, upper_corner)
+    return clipped_start, clipped_end
+
+
+def _split(start: Array, end: Array, axis: int, line: float) -> tuple[Array, Array]:
+    """Split segments `(K, 2)` at a line; `axis` is the coordinate that equals `line`."""
+    a = start[:, axis]
+    b = end[:, axis]
+    crosses = (a < line) != (b < line)
+    share = (line - a[crosses]) / (b[crosses] - a[crosses])
+    near_end = start[crosses]
+    far_end = end[crosses]
+    middle = near_end + share[:, None] * (far_end - near_end)
+    middle[:, axis] = line
+    pieces_start = np.concatenate([start[~crosses], near_end, middle])
+    pieces_end = np.concatenate([end[~crosses], middle, far_end])
+    return pieces_start, pieces_end
 
 
 def _cut(start: Array, end: Array, axis: int) -> tuple[Array, Array]:
     """Cut segments `(K, 2)` at integers of one coordinate."""
     a = start[:, axis]
     b = end[:, axis]
-    lower = np.minimum(a, b)
-    upper = np.maximum(a, b)
-    first = np.floor(lower) + 1
-    count = np.maximum(np.ceil(upper) - first, 0).astype(np.intp)
-    pieces = count + 1
-    # List the pieces of all segments: the segment of each, and its rank within it.
-    owner = np.repeat(np.arange(len(a)), pieces)
-    rank = np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    span = np.where(upper > lower, upper - lower, 1.0)
-
-    def share_at(number: NDArray[np.intp]) -> Array:
-        """Return the share of the way from the low end to the high end; cut 0 is the
-        low end.
-        """
-        inner = (first[owner] + number - 1 - lower[owner]) / span[owner]
-        share = np.where(number == pieces[owner], 1.0, inner)
-        return np.where(number == 0, 0.0, share)[:, None]
-
+    cuts = _integer_cuts(np.minimum(a, b), np.maximum(a, b))
+    owner = cuts.owner
     # Count every segment from its low end, so that opposite segments have equal cuts.
     is_rising = (b >= a)[owner][:, None]
     bottom = np.where(is_rising, start[owner], end[owner])
     top = np.where(is_rising, end[owner], start[owner])
-    lower_side = bottom + (top - bottom) * share_at(rank)
-    upper_side = bottom + (top - bottom) * share_at(rank + 1)
-    return np.where(is_rising, lower_side, upper_side), np.where(
-        is_rising, upper_side, lower_side
-    )
+    vector = top - bottom
+    lower_side = bottom + vector * cuts.lower_share[:, None]
+    upper_side = bottom + vector * cuts.upper_share[:, None]
+    piece_start = np.where(is_rising, lower_side, upper_side)
+    piece_end = np.where(is_rising, upper_side, lower_side)
+    return piece_start, piece_end
+
+
+@dataclass(frozen=True, eq=False)
+class _Cuts:
+    """The pieces of all segments after cuts at integers."""
+
+    # (n,): segment of each piece.
+    owner: NDArray[np.intp]
+    # (n,): both ends of each piece, as shares of the way from the segment's low end to
+    # its high end.
+    lower_share: Array
+    upper_share: Array
+
+
+def _integer_cuts(lower: Array, upper: Array) -> _Cuts:
+    """Cut intervals from `lower` to `upper` `(K,)` at the integers inside them."""
+    first = np.floor(lower) + 1
+    count = np.maximum(np.ceil(upper) - first, 0).astype(np.intp)
+    pieces = count + 1
+    owner = np.repeat(np.arange(len(lower)), pieces)
+    # The rank of each piece within its segment.
+    first_piece = np.cumsum(pieces) - pieces
+    rank = np.arange(len(owner)) - first_piece[owner]
+    span = np.where(upper > lower, upper - lower, 1.0)
+
+    def share_at(number: NDArray[np.intp]) -> Array:
+        """Return the share of the way to cut `number`; cut 0 is the low end."""
+        inner = (first[owner] + number - 1 - lower[owner]) / span[owner]
+        share = np.where(number == pieces[owner], 1.0, inner)
+        return np.where(number == 0, 0.0, share)
+
+    return _Cuts(owner, share_at(rank), share_at(rank + 1))
 
 
 _LOBES = [float(np.sinc(k) * np.sinc(k / 3)) for k in (2.5, 1.5, 0.5)]
 HALFWAY = [np.float32(lobe / (2 * sum(_LOBES))) for lobe in _LOBES]
 """Weights of the pixels 2.5, 1.5 and 0.5 px away."""
+BAND = 64
+"""Rows that are sampled at once."""
 
 
 def double_resolution(picture: F32) -> F32:
     """Return (2h - 1, 2w - 1[, C]) of a picture (h, w[, C])."""
     rows = _halve(picture, 0)
     # Bands of rows fit into the processor's cache.
-    bands = [_halve(rows[k : k + 64], 1) for k in range(0, len(rows), 64)]
+    bands = []
+    for first in range(0, len(rows), BAND):
+        bands.append(_halve(rows[first : first + BAND], 1))
     return np.concatenate(bands)
 
 
@@ -195,11 +248,15 @@ def _halve(values: F32, axis: int) -> F32:
     gaps = len(padded_values) - 5
     # The three pixels before each gap, and the three behind it.
     p = [padded_values[k : k + gaps] for k in range(6)]
+    # The kernel is symmetric: both pixels at one distance have the same weight.
     halves: F32 = np.zeros(p[0].shape, np.float32)
     for k, weight in enumerate(HALFWAY):
         halves += weight * (p[k] + p[5 - k])
-    lower_limits = np.minimum(np.minimum(p[2], p[3]), np.minimum(p[1], p[4]))
-    upper_limits = np.maximum(np.maximum(p[2], p[3]), np.maximum(p[1], p[4]))
+    lower_limits = np.minimum(p[2], p[3])
+    upper_limits = np.maximum(p[2], p[3])
+    for farther in (p[1], p[4]):
+        lower_limits = np.minimum(lower_limits, farther)
+        upper_limits = np.maximum(upper_limits, farther)
     shape = list(values.shape)
     shape[axis] += gaps
     result = np.empty(shape, np.float32)

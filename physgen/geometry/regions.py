@@ -81,8 +81,7 @@ def trace_borders(labels: NDArray[np.integer]) -> BorderMap:
     """Trace a label map `(H, W)`, 0 = background; the area beyond the photo is
     background.
     """
-    padded_labels = np.zeros((labels.shape[0] + 2, labels.shape[1] + 2), dtype=np.int64)
-    padded_labels[1:-1, 1:-1] = labels
+    padded_labels = np.pad(labels.astype(np.int64), 1)
     borders: list[Border] = []
     leaving: dict[tuple[int, int, int], Step] = {}
     for corners, directions, closed in _walks(_links(padded_labels)):
@@ -132,6 +131,7 @@ def _open_loops(
     """
     places = {step: key for key, step in leaving.items()}
     remaining = dict.fromkeys(leaving.values())
+    # Each step belongs to exactly one loop.
     while remaining:
         first = next(iter(remaining))
         loop = [first]
@@ -186,11 +186,15 @@ def _links(labels: NDArray[np.int64]) -> list[NDArray[np.int8]]:
     ne = labels[:-1, 1:]
     sw = labels[1:, :-1]
     se = labels[1:, 1:]
+    # An edge separates two labels; the number of edges at a corner is its degree.
     is_edge = np.stack([nw != ne, ne != se, sw != se, nw != sw])
     degree = is_edge.sum(axis=0)
-    links = [np.where(is_edge[d], -1, -2).astype(np.int8) for d in range(4)]
+    links = [np.where(edges, -1, -2).astype(np.int8) for edges in is_edge]
+    # At a corner with two edges, one continues the other.
+    is_passage = degree == 2
     for d, e in permutations(range(4), 2):
-        links[d][(degree == 2) & is_edge[d] & is_edge[e]] = e
+        connects = is_passage & is_edge[d] & is_edge[e]
+        links[d][connects] = e
     # At a crossing of two pairs of pixels, one of the pairs is connected.
     falling = (nw == se) & (degree == 4)
     rising = (ne == sw) & (degree == 4)
@@ -308,51 +312,71 @@ def fit_regions(
     if not len(rows):
         return {}
     # To save time for small objects, trace only the box around all labels.
-    part = labels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    row_span = slice(rows[0], rows[-1] + 1)
+    column_span = slice(columns[0], columns[-1] + 1)
+    part = labels[row_span, column_span]
     offset = np.array([columns[0], rows[0]], dtype=np.float64)
     borders = trace_borders(part)
-    areas = np.bincount(part.ravel())
-    tiny = set()
-    for label in borders.loops:
-        if areas[label] < _TINY:
-            tiny.add(label)
+    tiny = _tiny_labels(part, borders)
     # Junctions first: their places decide the ends of lines, which are simplified next.
     settled_lines = _settle_junctions(borders.borders, tiny, coarseness)
     lines = _untangle(borders, settled_lines, tiny, coarseness)
-    closed = [border.is_loop for border in borders.borders]
     regions = {}
     for label, loops in sorted(borders.loops.items()):
-        rings = [distinct(walk(loop, lines, closed)) + offset for loop in loops]
-        rings = [ring for ring in rings if len(ring) >= 3]
+        rings = _rings(borders, loops, lines, offset)
         regions[label] = Region(tuple(_nest(rings)))
     return regions
+
+
+def _tiny_labels(labels: NDArray[np.int64], borders: BorderMap) -> set[int]:
+    """Return the labels of a few pixels."""
+    areas = np.bincount(labels.ravel())
+    return {label for label in borders.loops if areas[label] < _TINY}
+
+
+def _rings(
+    borders: BorderMap, loops: Sequence[Loop], lines: list[Array], offset: Array
+) -> list[Array]:
+    """Return the rings `(K, 2)` px of a label's loops, moved by `offset`; rings without
+    area are lost.
+    """
+    closed = [border.is_loop for border in borders.borders]
+    rings = []
+    for loop in loops:
+        ring = distinct(walk(loop, lines, closed)) + offset
+        if len(ring) >= 3:
+            rings.append(ring)
+    return rings
 
 
 def close_gaps(labels: NDArray[np.int64]) -> NDArray[np.int64]:
     """Join objects up to 2 px apart: background pixels between them are divided."""
     closed_labels = labels.copy()
+    # Gaps are closed along rows, then along columns.
     for view in (closed_labels, closed_labels.T):
         padded_view = np.pad(view, 2)
         width = view.shape[1]
+        inner_rows = padded_view[2:-2]
         # The pixels 2 and 1 before, and 1 and 2 after each pixel.
-        neighbours = [padded_view[2:-2, k : k + width] for k in (0, 1, 3, 4)]
-        two_before, before, after, two_after = neighbours
+        two_before = inner_rows[:, :width]
+        before = inner_rows[:, 1 : 1 + width]
+        after = inner_rows[:, 3 : 3 + width]
+        two_after = inner_rows[:, 4 : 4 + width]
         free = view == 0
         gap_pixels = free & (before != 0) & (after != 0) & (before != after)
         is_first = free & (before != 0) & (after == 0)
         is_first &= (two_after != 0) & (before != two_after)
         is_second = free & (after != 0) & (before == 0)
         is_second &= (two_before != 0) & (two_before != after)
-        view[...] = np.where(
-            gap_pixels | is_first, before, np.where(is_second, after, view)
-        )
+        closed_view = np.where(is_second, after, view)
+        view[...] = np.where(gap_pixels | is_first, before, closed_view)
     return closed_labels
 
 
 def distinct(ring: Array) -> Array:
     """Remove corners equal to the one before."""
-    step = np.abs(ring - np.roll(ring, 1, axis=0)).max(axis=1)
-    corners: Array = ring[step > 1e-9]
+    steps = np.abs(ring - np.roll(ring, 1, axis=0))
+    corners: Array = ring[steps.max(axis=1) > 1e-9]
     return corners
 
 
@@ -416,6 +440,8 @@ def _moved_junction(
         normal_weight = weight * (np.eye(2) - np.outer(direction, direction))
         normal = normal + normal_weight
         target = target + normal_weight @ point
+    # The old place has a small weight, so that parallel borders do not move it
+    # far.
     move = np.linalg.solve(normal, target) - junction
     length = float(np.hypot(*move))
     return junction + move * min(1.0, _JUNCTION_REACH / max(length, 1e-12))
@@ -433,6 +459,7 @@ def _untangle(
         if border.is_loop or not {border.left, border.right} & tiny:
             line = simplify(line, tolerance[k], border.is_loop)
         lines.append(line)
+    # Neighbours share borders, so that only crossings make regions overlap.
     rings = [_there_and_back(line, b) for line, b in zip(lines, borders, strict=True)]
     for attempt in range(6):
         crossing_rings = np.unique(crossings(rings))
@@ -469,6 +496,7 @@ def _nest(loops: list[Array]) -> list[Ring]:
     for k, area in enumerate(areas):
         if area > 0:
             outers.append(k)
+    # The smallest piece around a hole is found first.
     outers.sort(key=lambda k: areas[k])
     holes: dict[int, list[Array]] = {k: [] for k in outers}
     for k, area in enumerate(areas):

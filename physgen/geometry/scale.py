@@ -246,20 +246,24 @@ def _turned_extent(outline: Outline, kind: Kind) -> Extent:
     if end_on is None or kind.size is None:
         slenderest = max([upright, *lying], key=_slenderness)
         return Extent(slenderest.volume, None, 0.0)
-    height, width = kind.size
-    costs = [0.0] + [SHAPE.lying] * len(lying)
     candidates = []
-    for solid, cost in zip([upright, *lying], costs, strict=True):
-        if solid.volume <= 0:
-            continue
-        tallness = solid.height / height
-        breadth = solid.diameter / width
-        mismatch = abs(log(tallness / breadth))
-        extent = Extent(solid.volume, sqrt(tallness * breadth), mismatch)
-        candidates.append((mismatch + cost, extent))
+    for solid in (upright, *lying):
+        if solid.volume > 0:
+            extent = _solid_extent(solid, kind.size)
+            cost = 0.0 if solid is upright else SHAPE.lying
+            candidates.append((extent.mismatch + cost, extent))
     # For equal costs the first candidate wins: a view from the end is last.
     candidates.append((end_on.mismatch + SHAPE.end_on, end_on))
     return min(candidates, key=lambda candidate: candidate[0])[1]
+
+
+def _solid_extent(solid: SolidOfRevolution, size: tuple[float, ...]) -> Extent:
+    """Return the extent of a solid if its kind has this height and width, mm."""
+    height, width = size
+    tallness = solid.height / height
+    breadth = solid.diameter / width
+    mismatch = abs(log(tallness / breadth))
+    return Extent(solid.volume, sqrt(tallness * breadth), mismatch)
 
 
 def _extent_from_end(outline: Outline, kind: Kind, area: float) -> Extent | None:

@@ -103,7 +103,9 @@ class ShadowSetting:
 
         The field of view is at most as wide as the distance.
         """
-        return float(max((row - self.size[1] / 2) / max(self.tilt, 1e-3), self.size[0]))
+        width, height = self.size
+        rows_below_middle = row - height / 2
+        return float(max(rows_below_middle / max(self.tilt, 1e-3), width))
 
     @property
     def light_radius(self) -> float:
@@ -116,7 +118,8 @@ class ShadowSetting:
         faces = [(0.0, 0.0, 1.0)]
         if not self.top:
             faces.append((0.0, -1.0, 0.0))
-        return np.float32(-np.log(1 - MOST_BLOCKED * max(map(self.direct, faces))))
+        direct_share = max(map(self.direct, faces))
+        return np.float32(-np.log(1 - MOST_BLOCKED * direct_share))
 
 
 @dataclass(frozen=True)
@@ -168,6 +171,22 @@ class Silhouette:
     def area(self) -> float:
         """Return the area, px²."""
         return float(self.coverage.sum())
+
+
+def _pixel_grid(box: PixelBox) -> tuple[F32, F32]:
+    """Return the columns (w,) and the rows (h, 1) of a box's pixels."""
+    x0, y0, x1, y1 = box
+    columns = np.arange(x0, x1, dtype=np.float32)
+    rows = np.arange(y0, y1, dtype=np.float32)
+    return columns, rows[:, None]
+
+
+def _pixel_offsets(box: PixelBox, center: tuple[float, float]) -> tuple[F32, F32]:
+    """Return the offsets (1, w) and (h, 1) px of a box's pixels from a point."""
+    columns, rows = _pixel_grid(box)
+    x, y = center
+    right = (columns - np.float32(x))[None, :]
+    return np.asarray(right), np.asarray(rows - np.float32(y))
 
 
 def penumbra_width(
@@ -235,6 +254,7 @@ def blurred(picture: F32, sigma: float) -> F32:
     """
     if sigma < 0.3:
         return picture
+    # A wide blur has no detail that a coarse grid would lose.
     step = min(int(sigma / 3), min(picture.shape) // 4)
     if step < 2:
         return _gaussian(picture, sigma)
@@ -264,19 +284,21 @@ def blocked_by_ball(
     `x`, `y`, `z`: px to the right of, below and in front of its centre.
     """
     lx, ly, lz = setting.light.direction
-    depth_to_ball = -(x * np.float32(lx) + y * np.float32(ly) + z * np.float32(lz))
-    depth_to_ball = np.asarray(depth_to_ball, np.float32)
-    distance = np.sqrt(
-        np.maximum(x * x + y * y + z * z - depth_to_ball * depth_to_ball, 0)
-    )
+    depth_against_light = x * np.float32(lx) + y * np.float32(ly) + z * np.float32(lz)
+    depth_to_ball = np.asarray(-depth_against_light, np.float32)
+    # Distance of the ball's centre from the ray to the light.
+    squared_length = x * x + y * y + z * z
+    squared_distance = squared_length - depth_to_ball * depth_to_ball
+    distance = np.sqrt(np.maximum(squared_distance, 0))
     # A point sees two discs: the ball, and the light at the ball's distance.
-    light = np.maximum(
-        np.float32(setting.light_radius) * depth_to_ball, np.float32(0.35)
-    )
+    light_at_ball = np.float32(setting.light_radius) * depth_to_ball
+    light = np.maximum(light_at_ball, np.float32(0.35))
     smaller = np.minimum(np.float32(radius), light)
     larger = np.maximum(np.float32(radius), light)
+    # A logistic function approximates the common area of the discs.
     gap = (distance - larger) / (0.28 * smaller)
-    share = (smaller / light) ** 2 / (1 + np.exp(np.clip(gap, -30, 30)))
+    overlap = 1 + np.exp(np.clip(gap, -30, 30))
+    share = (smaller / light) ** 2 / overlap
     return np.asarray(share * (depth_to_ball > 0), np.float32)
 
 
@@ -316,9 +338,9 @@ def floor_contact(silhouette: Silhouette, tilt: float) -> FloorContact | None:
     thickness = min(silhouette.thickness, 1.13 * silhouette.area**0.5)
     # Users draw floors either at the plane of motion, or at the visible feet of
     # objects.
-    hidden_height = min(
-        max(bottom - floor, 0.0), tilt * thickness / 2 + MODEL.sunk_depth
-    )
+    largest_height = tilt * thickness / 2 + MODEL.sunk_depth
+    hidden_height = min(max(bottom - floor, 0.0), largest_height)
+    # Feet far below the line of the floor belong to a deep object.
     half_depth = max(thickness / 2, hidden_height / tilt)
     foot = floor + hidden_height
     lift = min(max(foot - bottom, 0.0), 1.0)
@@ -335,12 +357,12 @@ def _row_share(silhouette: Silhouette) -> float:
     """
     last = int(silhouette.rows[-1])
     row_maxima = silhouette.coverage.max(axis=1)
+    last_maximum = float(row_maxima[last])
     next_maximum = 0.0
     if last + 1 < len(row_maxima):
         next_maximum = float(row_maxima[last + 1])
-    return (float(row_maxima[last]) - 0.5) / max(
-        float(row_maxima[last]) - next_maximum, 0.5
-    )
+    slope = max(last_maximum - next_maximum, 0.5)
+    return (last_maximum - 0.5) / slope
 
 
 def shadow_on_floor(
@@ -357,8 +379,7 @@ def shadow_on_floor(
     box = _floor_shadow_box(silhouette, setting, contact, tilt)
     if box is None:
         return None
-    columns = np.arange(box[0], box[2], dtype=np.float32)
-    rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+    columns, rows = _pixel_grid(box)
     # Coordinate of each row towards the viewer, px.
     depths = (rows - np.float32(contact.row)) / np.float32(tilt)
     blocked_share = _blocked_on_floor(silhouette, setting, contact, columns, depths)
@@ -379,15 +400,19 @@ def _floor_shadow_box(
     left = silhouette.corner[0]
     width = silhouette.coverage.shape[1]
     height = contact.high - contact.low
-    sky = 0.45 * min(max(height, width), 4 * silhouette.thickness) + contact.low
+    size = min(max(height, width), 4 * silhouette.thickness)
+    sky = 0.45 * size + contact.low
     soft_x = 2 * penumbra_width(setting, contact.high, rise, ax)
     soft_z = 2 * penumbra_width(setting, contact.high, rise, az)
-    back = contact.half_thickness + max(soft_z - az * contact.high, sky)
-    front = contact.half_thickness + max(soft_z + az * contact.high, sky)
+    # The tip of the shadow is shifted by the light's slant over the object's height.
+    shift_x = ax * contact.high
+    shift_z = az * contact.high
+    back = contact.half_thickness + max(soft_z - shift_z, sky)
+    front = contact.half_thickness + max(soft_z + shift_z, sky)
     box = (
-        left + min(ax * contact.high - soft_x, -sky),
+        left + min(shift_x - soft_x, -sky),
         contact.row - tilt * min(back, setting.backdrop) - 1,
-        left + width + max(ax * contact.high + soft_x, sky),
+        left + width + max(shift_x + soft_x, sky),
         contact.row + tilt * front + 2,
     )
     return clipped_box(box, setting.size)
@@ -406,9 +431,12 @@ def _blocked_on_floor(
     """
     # In the side view a row of pixels is deep: average several lines of the floor.
     tilt = max(setting.tilt, 1e-3)
-    offsets = np.arange(MODEL.finer, dtype=np.float32) - (MODEL.finer - 1) / 2
+    middle_line = (MODEL.finer - 1) / 2
+    offsets = np.arange(MODEL.finer, dtype=np.float32) - middle_line
     offset_rows = offsets / np.float32(MODEL.finer * tilt)
-    lines = np.asarray((depths + offset_rows).reshape(-1, 1), np.float32)
+    fine_depths = (depths + offset_rows).reshape(-1, 1)
+    # The mean over the lines of a row is taken at the end.
+    lines = np.asarray(fine_depths, np.float32)
     if silhouette.radius is not None:
         right = (columns - np.float32(silhouette.center[0]))[None]
         row_below = contact.row - silhouette.center[1]
@@ -434,12 +462,12 @@ def floor_share(
     middle = setting.size[0] / 2
     tilt = max(setting.tilt, 1e-3)
     distance = setting.distance(row)
-    x = np.arange(box[0], box[2], dtype=np.float32)
-    rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+    x, rows = _pixel_grid(box)
     back = (np.float32(row) - rows) / np.float32(tilt)
     scale = np.float32(distance) / np.maximum(distance + back, 1)
-    left = np.float32(middle) + np.float32(ends[0] - middle) * scale
-    right = np.float32(middle) + np.float32(ends[1] - middle) * scale
+    left_end, right_end = ends
+    left = np.float32(middle) + np.float32(left_end - middle) * scale
+    right = np.float32(middle) + np.float32(right_end - middle) * scale
     inside = np.minimum(x - left, right - x) + 0.5
     return np.asarray(np.clip(inside, 0, 1), np.float32)
 
@@ -475,9 +503,11 @@ def _split_rows(silhouette: Silhouette, contact: FloorContact) -> _Bands:
     one.
     """
     rows = silhouette.rows
-    heights = np.maximum(contact.foot - (silhouette.corner[1] + rows), 0.0)
+    photo_rows = silhouette.corner[1] + rows
+    heights = np.maximum(contact.foot - photo_rows, 0.0)
     count = min(MODEL.levels, len(rows))
-    sizes = len(rows) // count + (np.arange(count) < len(rows) % count)
+    size, remainder = divmod(len(rows), count)
+    sizes = size + (np.arange(count) < remainder)
     ends = np.cumsum(sizes)
     first = np.append(0, ends[:-1])
     last = ends - 1
@@ -497,15 +527,9 @@ def _blocked_by_silhouette(
     The points are at `columns`, and at `depths` (h, 1) px.
     """
     ax, az, rise = _slopes(setting)
-    x0, y0 = silhouette.corner
     bands = _split_rows(silhouette, contact)
-    # The shadow of each row moves sideways in proportion to its height: a shear.
-    shift = x0 + ax * (contact.foot - y0) - float(columns[0])
-    shear = np.array([[1.0, -ax, shift], [0, 1, 0]])
-    size = (len(columns), silhouette.coverage.shape[0])
-    sheared_coverage = cv2.warpAffine(
-        silhouette.coverage, shear, size, flags=cv2.INTER_LINEAR
-    )
+    sheared_coverage = _shear(silhouette, contact, ax, columns)
+    # Each band of rows casts one line, blurred sideways and in depth by its own height.
     covered_rows = sheared_coverage[: silhouette.rows[-1] + 1]
     profiles = np.maximum.reduceat(covered_rows, bands.first, axis=0)
     lines = _soften(profiles, _penumbra_widths(setting, rise, ax, bands.height))
@@ -513,6 +537,23 @@ def _blocked_by_silhouette(
     weights = _depth_weights(bands, contact.half_thickness, az, depth_widths, depths)
     shares = weights[:, :, None] * lines[:, None]
     return np.asarray(shares.max(axis=0, initial=0), np.float32)
+
+
+def _shear(
+    silhouette: Silhouette, contact: FloorContact, ax: float, columns: F32
+) -> F32:
+    """Return the coverage (rows, w) of a silhouette, sheared along its shadow.
+
+    The shadow of each row moves sideways in proportion to its height.
+    """
+    x0, y0 = silhouette.corner
+    shift = x0 + ax * (contact.foot - y0) - float(columns[0])
+    shear = np.array([[1.0, -ax, shift], [0, 1, 0]])
+    size = (len(columns), silhouette.coverage.shape[0])
+    sheared_coverage = cv2.warpAffine(
+        silhouette.coverage, shear, size, flags=cv2.INTER_LINEAR
+    )
+    return np.asarray(sheared_coverage, np.float32)
 
 
 def _depth_weights(
@@ -527,8 +568,10 @@ def _depth_weights(
     `widths` (bands,) px are those of the soft edges in depth.
     """
     # Distances in depth from the bands' shadows, in widths of their soft edges.
-    gap = np.abs(depths.T - (az * bands.height)[:, None].astype(np.float32))
-    reach = half_thickness + abs(az) * (bands.upper - bands.lower) / 2
+    shifts = az * bands.height
+    gap = np.abs(depths.T - shifts[:, None].astype(np.float32))
+    half_lengths = abs(az) * (bands.upper - bands.lower) / 2
+    reach = half_thickness + half_lengths
     gap -= reach[:, None].astype(np.float32)
     gap /= 0.55 * widths[:, None].astype(np.float32)
     fade = 1 / (1 + np.exp(np.clip(gap, -30, 30)))
@@ -554,6 +597,7 @@ def _soften(profiles: F32, sigma: NDArray[np.float64]) -> F32:
     margin = ceil(3 * float(sigma.max(initial=0.0)))
     size = cv2.getOptimalDFTSize(width + 2 * margin)
     waves = 2 * np.pi * np.fft.rfftfreq(size)
+    # A Gaussian of any width costs the same as a product of spectra.
     damping = np.exp(-((waves * sigma[:, None]) ** 2) / 2)
     spectrum = np.fft.rfft(profiles, size, axis=1) * damping
     rows = np.fft.irfft(spectrum, size, axis=1)[:, :width]
@@ -572,6 +616,7 @@ def _hidden_sky(
     # Gap between the object and the floor in each of its columns, px.
     gaps = contact.foot - (silhouette.corner[1] + lowest - 0.5)
     gaps = np.maximum(gaps, 0.5).astype(np.float32)
+    # Columns without the object hide no sky.
     gaps[lowest == 0] = MODEL.sky_distance
     first_column = silhouette.corner[0] + left
     hidden_share = _sky_beside_feet(gaps, first_column, contact, columns, depths)
@@ -590,8 +635,9 @@ def _sky_behind_ball(
     height = np.float32(contact.low + ball.radius)
     x = (columns - np.float32(ball.center[0]))[None]
     distance = np.sqrt(x * x + depths * depths + height * height)
+    solid_angle = (radius / distance) ** 2
     fade = faded_out(x, depths, 2.2 * float(height))
-    share = (radius / distance) ** 2 * height / distance * fade
+    share = solid_angle * height / distance * fade
     return np.asarray(share, np.float32)
 
 
@@ -605,19 +651,26 @@ def _sky_beside_feet(
     height = contact.high - contact.low
     is_foot = gaps < gaps.min() + 1 + 0.1 * height
     feet = (first_column + np.flatnonzero(is_foot)).astype(np.float32)
-    following = np.searchsorted(feet, columns)
-    to_left = np.abs(columns - feet[np.maximum(following - 1, 0)])
-    to_right = np.abs(feet[np.minimum(following, len(feet) - 1)] - columns)
-    nearest = np.minimum(to_left, to_right) - np.float32(0.5)
-    gap_row = np.maximum(nearest, 0)[None]
-    before = np.maximum(np.abs(depths) - np.float32(contact.half_thickness), 0)
+    gap_row = _distance_to_feet(feet, columns)[None]
+    depth_before = np.abs(depths) - np.float32(contact.half_thickness)
+    before = np.maximum(depth_before, 0)
     low = np.float32(contact.low**2)
     distance = np.sqrt(gap_row * gap_row + before * before + low)
     size = min(max(height, len(gaps)), 8 * contact.half_thickness)
     reach = np.float32(0.22 * size + 1)
-    return np.asarray(
-        np.float32(MODEL.side_share) * np.exp(-distance / reach), np.float32
-    )
+    hidden_share = np.float32(MODEL.side_share) * np.exp(-distance / reach)
+    return np.asarray(hidden_share, np.float32)
+
+
+def _distance_to_feet(feet: F32, columns: F32) -> F32:
+    """Return the distance (w,) px of columns from the edge of the nearest foot."""
+    following = np.searchsorted(feet, columns)
+    left_feet = feet[np.maximum(following - 1, 0)]
+    right_feet = feet[np.minimum(following, len(feet) - 1)]
+    to_left = np.abs(columns - left_feet)
+    to_right = np.abs(right_feet - columns)
+    nearest = np.minimum(to_left, to_right) - np.float32(0.5)
+    return np.asarray(np.maximum(nearest, 0), np.float32)
 
 
 def _add_sky_below(
@@ -634,9 +687,7 @@ def _add_sky_below(
     """
     x0 = np.float32(first_column - 0.5)
     x1 = np.float32(first_column + len(gaps) - 0.5)
-    smooth_gaps = np.asarray(cv2.blur(gaps[None], (5, 1))[0], np.float32)
-    places = np.arange(len(gaps)) + float(x0) + 0.5
-    heights = np.interp(columns, places, smooth_gaps).astype(np.float32)
+    heights = _smooth_gaps(gaps, float(x0), columns)
     span = (x0 - 2 * heights[0], x1 + 2 * heights[-1])
     start, end = np.searchsorted(columns, span)
     if end <= start:
@@ -649,9 +700,16 @@ def _add_sky_below(
     depth_share = _sine_of_depth(half - depths, height)
     depth_share = depth_share + _sine_of_depth(half + depths, height)
     part = hidden_share[:, start:end]
-    np.maximum(
-        part, np.float32(MODEL.share_below / 4) * side_share * depth_share, out=part
-    )
+    view_factor = np.float32(MODEL.share_below / 4) * side_share * depth_share
+    np.maximum(part, view_factor, out=part)
+
+
+def _smooth_gaps(gaps: F32, left: float, columns: F32) -> F32:
+    """Return the gap (w,) below an object at columns; `gaps` (n,) start at `left` px."""
+    gap_row = cv2.blur(gaps[None], (5, 1))
+    smooth_gaps = np.asarray(gap_row[0], np.float32)
+    places = np.arange(len(gaps)) + left + 0.5
+    return np.interp(columns, places, smooth_gaps).astype(np.float32)
 
 
 def _sine(distance: F32, height: F32) -> F32:
@@ -702,20 +760,14 @@ def _ball_on_table(
     blocks there.
     """
     ax, ay, rise = _slopes_before(setting)
-    cx, cy = ball.center
     blur_width = penumbra_width(setting, radius, rise)
     reach = radius / rise + 2.5 * blur_width + radius
-    surroundings = (
-        cx + min(0, ax * radius) - reach,
-        cy + min(0, ay * radius) - reach,
-        cx + max(0, ax * radius) + reach,
-        cy + max(0, ay * radius) + reach,
-    )
+    center_box = (*ball.center, *ball.center)
+    surroundings = _swept_box(center_box, ax * radius, ay * radius, reach)
     box = clipped_box(surroundings, setting.size)
     if box is None:
         return None
-    x = (np.arange(box[0], box[2], dtype=np.float32) - np.float32(cx))[None, :]
-    y = (np.arange(box[1], box[3], dtype=np.float32) - np.float32(cy))[:, None]
+    x, y = _pixel_offsets(box, ball.center)
     blocked_share = blocked_by_ball(radius, setting, x, y, -radius)
     # The cosine-weighted solid angle of a sphere on the table.
     square = np.float32(radius * radius)
@@ -740,30 +792,37 @@ def _silhouette_on_table(
     """
     ax, ay, rise = _slopes_before(setting)
     thickness = silhouette.thickness
-    margin = _margin_on_table(setting, thickness, rise)
-    x0, y0, x1, y1 = _silhouette_box(silhouette)
-    surroundings = (
-        x0 - margin + min(0, ax * thickness),
-        y0 - margin + min(0, ay * thickness),
-        x1 + margin + max(0, ax * thickness),
-        y1 + margin + max(0, ay * thickness),
-    )
-    box = clipped_box(surroundings, setting.size)
-    if box is None:
+    box = _silhouette_box(silhouette, _margin_on_table(setting, thickness, rise))
+    surroundings = _swept_box(box, ax * thickness, ay * thickness)
+    photo_box = clipped_box(surroundings, setting.size)
+    if photo_box is None:
         return None
-    blocked_share = np.zeros((box[3] - box[1], box[2] - box[0]), np.float32)
     # Add up the shadows of slices of the object, since higher slices cast wider
     # penumbrae farther away.
+    slices = []
     for level in LEVELS_ON_TABLE:
         blur_width = penumbra_width(setting, thickness * level, rise)
         dx = ax * thickness * level
         dy = ay * thickness * level
-        shadow = moved_silhouette(silhouette, box, dx, dy, blur_width)
-        np.maximum(blocked_share, shadow, out=blocked_share)
+        slices.append(moved_silhouette(silhouette, photo_box, dx, dy, blur_width))
+    blocked_share = np.maximum.reduce(slices)
     # Around its foot, an object also hides a part of the sky.
     foot_blur = max(0.4, 0.35 * thickness)
-    hidden_share = 0.9 * moved_silhouette(silhouette, box, 0, 0, foot_blur)
-    return box, blocked_share, hidden_share
+    hidden_share = 0.9 * moved_silhouette(silhouette, photo_box, 0, 0, foot_blur)
+    return photo_box, blocked_share, hidden_share
+
+
+def _swept_box(
+    box: tuple[float, float, float, float], dx: float, dy: float, margin: float = 0.0
+) -> tuple[float, float, float, float]:
+    """Return the box of a box moved by up to (dx, dy) px, with a margin."""
+    x0, y0, x1, y1 = box
+    return (
+        x0 + min(0, dx) - margin,
+        y0 + min(0, dy) - margin,
+        x1 + max(0, dx) + margin,
+        y1 + max(0, dy) + margin,
+    )
 
 
 def _margin_on_table(setting: ShadowSetting, thickness: float, rise: float) -> int:
@@ -772,11 +831,13 @@ def _margin_on_table(setting: ShadowSetting, thickness: float, rise: float) -> i
     return ceil(2.5 * widest + 0.8 * thickness) + 1
 
 
-def _silhouette_box(silhouette: Silhouette) -> tuple[int, int, int, int]:
-    """Return the box of a silhouette: x0, y0, x1, y1 px."""
+def _silhouette_box(
+    silhouette: Silhouette, margin: int = 0
+) -> tuple[int, int, int, int]:
+    """Return the box of a silhouette with a margin: x0, y0, x1, y1 px."""
     x, y = silhouette.corner
     height, width = silhouette.coverage.shape
-    return x, y, x + width, y + height
+    return x - margin, y - margin, x + width + margin, y + height + margin
 
 
 def shadow_on_wall(
@@ -798,7 +859,7 @@ def shadow_on_wall(
     box, blocked_share = shadow
     if silhouette.floor is not None:
         # The wall ends at the floor.
-        rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+        _, rows = _pixel_grid(box)
         end = np.float32(silhouette.floor - lean + 0.5)
         blocked_share = blocked_share * np.clip(end - rows, 0, 1)
     direct = setting.direct((0.0, 0.0, 1.0))
@@ -820,9 +881,8 @@ def _ball_on_wall(
     box = clipped_box(surroundings, setting.size)
     if box is None:
         return None
-    columns = np.arange(box[0], box[2], dtype=np.float32)[None]
-    rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
-    right = columns - np.float32(ball.center[0])
+    columns, rows = _pixel_grid(box)
+    right = columns[None] - np.float32(ball.center[0])
     rows_below = rows - np.float32(ball.center[1] - lean)
     return box, blocked_by_ball(radius, setting, right, rows_below, -distance)
 
@@ -839,14 +899,7 @@ def _silhouette_on_wall(
     margin = ceil(2.5 * blur_width + half_depth * slope) + 1
     dx = ax * distance
     dy = ay * distance - lean
-    x0, y0, x1, y1 = _silhouette_box(silhouette)
-    surroundings = (
-        x0 + dx - margin,
-        y0 + dy - margin,
-        x1 + dx + margin,
-        y1 + dy + margin,
-    )
-    box = clipped_box(surroundings, setting.size)
+    box = _moved_box(silhouette, (dx, dy), margin, setting.size)
     if box is None:
         return None
     blocked_share = moved_silhouette(silhouette, box, dx, dy, 0.0)
@@ -858,6 +911,24 @@ def _silhouette_on_wall(
             )
             np.maximum(blocked_share, side, out=blocked_share)
     return box, blurred(blocked_share, blur_width)
+
+
+def _moved_box(
+    silhouette: Silhouette,
+    shift: tuple[float, float],
+    margin: float,
+    size: tuple[int, int],
+) -> PixelBox | None:
+    """Return the box of a shifted silhouette with a margin, in a photo of `size`."""
+    dx, dy = shift
+    x0, y0, x1, y1 = _silhouette_box(silhouette)
+    surroundings = (
+        x0 + dx - margin,
+        y0 + dy - margin,
+        x1 + dx + margin,
+        y1 + dy + margin,
+    )
+    return clipped_box(surroundings, size)
 
 
 def shadows_on_sides(
@@ -899,10 +970,16 @@ def _side_wall_box(
     my = setting.size[1] / 2
     # Length of the light's path from the object to the wall, px.
     path = np.maximum((np.array([x0, x1]) - end) / lx, 0.0)[:, None]
+    # Farther points are smaller in perspective.
     shrink = wall_distance / (wall_distance + path * lz)
     x = mx + (end - mx) * shrink
     y = my + (np.array([y0, y1]) - path * ly - my) * shrink
-    surroundings = (x.min() - 2, y.min() - 2, x.max() + 2, y.max() + 2)
+    surroundings = (
+        x.min() - 2,
+        y.min() - 2,
+        x.max() + 2,
+        y.max() + 2,
+    )
     return clipped_box(surroundings, setting.size)
 
 
@@ -915,14 +992,10 @@ def _blocked_on_side(
 ) -> F32:
     """Return the share of direct light (h, w) that an object blocks on a side wall."""
     wall_distance = setting.distance(floor)
-    mx = setting.size[0] / 2
     my = setting.size[1] / 2
-    # The wall is foreshortened: average several of its columns per column of pixels.
-    steps = np.arange(MODEL.wall * (box[2] - box[0]))[None] + 0.5
-    columns = box[0] - 0.5 + steps / MODEL.wall
-    shrink = np.maximum((columns - mx) / (end - mx), 1e-3).astype(np.float32)
+    shrink = _shrink_along_wall(setting, end, box)
     back = np.asarray(wall_distance * (1 / shrink - 1), np.float32)
-    rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+    _, rows = _pixel_grid(box)
     y = np.float32(my) + (rows - np.float32(my)) / shrink
     if silhouette.radius is not None:
         right = np.float32(end - silhouette.center[0])
@@ -933,9 +1006,23 @@ def _blocked_on_side(
     else:
         blocked_share = _cast_sideways(silhouette, setting, end, back, y)
     is_wall = (back >= 0) & (back <= setting.backdrop)
-    upon = is_wall * np.clip(np.float32(floor + 0.5) - y, 0, 1)
+    above_floor = np.float32(floor + 0.5) - y
+    upon = is_wall * np.clip(above_floor, 0, 1)
     fine_shares = (blocked_share * upon).reshape(len(y), -1, MODEL.wall)
     return np.asarray(fine_shares.mean(axis=2, dtype=np.float32), np.float32)
+
+
+def _shrink_along_wall(setting: ShadowSetting, end: float, box: PixelBox) -> F32:
+    """Return the size (1, n) of a side wall's columns relative to its near end.
+
+    The wall is foreshortened, so that a column of pixels has several of its columns.
+    """
+    middle = setting.size[0] / 2
+    fine_count = MODEL.wall * (box[2] - box[0])
+    steps = np.arange(fine_count)[None] + 0.5
+    columns = box[0] - 0.5 + steps / MODEL.wall
+    relative_columns = (columns - middle) / (end - middle)
+    return np.maximum(relative_columns, 1e-3).astype(np.float32)
 
 
 def _cast_sideways(
@@ -948,14 +1035,12 @@ def _cast_sideways(
     lx, ly, lz = setting.light.direction
     x0, y0 = silhouette.corner
     distance = float(np.median(back)) / lz
-    blurred_coverage = blurred(
-        silhouette.coverage, penumbra_width(setting, distance, 1.0)
-    )
+    blur_width = penumbra_width(setting, distance, 1.0)
+    blurred_coverage = blurred(silhouette.coverage, blur_width)
     wall_column = np.float32(end - x0) + back * np.float32(lx / lz)
+    right = wall_column.repeat(len(y), axis=0)
     down = y + back * np.float32(ly / lz) - np.float32(y0)
-    picture = cv2.remap(
-        blurred_coverage, wall_column.repeat(len(y), axis=0), down, cv2.INTER_LINEAR
-    )
+    picture = cv2.remap(blurred_coverage, right, down, cv2.INTER_LINEAR)
     return np.asarray(picture, np.float32)
 
 

@@ -29,6 +29,7 @@ def simplify(points: Array, tolerance: float, is_loop: bool) -> Array:
             return points.copy()
         return _straighten(points, tolerance, is_loop=False)
     # Start a closed line at its farthest point from the mean, a convex corner.
+    # The area decides at the end whether the line is simplified too much.
     area = abs(polygon_moments(points).area)
     squares = ((points - points.mean(axis=0)) ** 2).sum(axis=1)
     points = np.roll(points, -int(np.argmax(squares)), axis=0)
@@ -72,6 +73,8 @@ def _runs(points: Array, tolerance: float) -> list[int]:
     if count <= _MOST_BREAKS:
         candidates = np.arange(count)
     else:
+        # The work grows with the square of the candidates. A smaller
+        # tolerance leaves enough candidates for a good choice.
         candidates = np.array(_douglas_peucker(points, 0.6 * tolerance))
     x, y = (points - points.mean(axis=0)).T
     columns = np.column_stack([np.ones(count), x, y, x**2, x * y, y**2])
@@ -79,6 +82,8 @@ def _runs(points: Array, tolerance: float) -> list[int]:
     sums = np.concatenate([np.zeros((1, 6)), np.cumsum(columns, axis=0)])
     before = sums[candidates]
     after = sums[candidates + 1]
+    # The best chain of runs to each candidate extends the best chain to an
+    # earlier one.
     best = np.zeros(len(candidates))
     previous = np.zeros(len(candidates), dtype=np.intp)
     for j in range(1, len(candidates)):
@@ -86,6 +91,7 @@ def _runs(points: Array, tolerance: float) -> list[int]:
         price = best[:j] + np.maximum(squares, 0) + _PRICE * tolerance**2
         previous[j] = int(np.argmin(price))
         best[j] = price[previous[j]]
+    # Follow the chain back from the last point.
     chain = [len(candidates) - 1]
     while chain[-1]:
         chain.append(int(previous[chain[-1]]))
@@ -98,11 +104,15 @@ def _squared_distances(moments: Array) -> Array:
 
     `moments` (6, m): n, x, y, xx, xy, yy.
     """
+    # The second moments about the mean of each run ...
     n, x, y, xx, xy, yy = moments
     a = xx - x * x / n
     b = xy - x * y / n
     c = yy - y * y / n
-    return np.asarray((a + c) / 2 - np.sqrt(((a - c) / 2) ** 2 + b * b))
+    # ... have as smaller eigenvalue the sum of squares across the best line.
+    mean = (a + c) / 2
+    half_difference = (a - c) / 2
+    return np.asarray(mean - np.sqrt(half_difference**2 + b * b))
 
 
 def _run_line(run: Array) -> tuple[Array, Array]:
@@ -143,7 +153,8 @@ def distances(points: Array, start: Array, end: Array) -> Array:
     """
     edge = end - start
     length = np.maximum((edge * edge).sum(axis=-1), 1e-300)
-    share = np.clip(((points - start) * edge).sum(axis=-1) / length, 0.0, 1.0)
+    projection = ((points - start) * edge).sum(axis=-1)
+    share = np.clip(projection / length, 0.0, 1.0)
     gap = points - start - share[..., None] * edge
     lengths: Array = np.sqrt((gap * gap).sum(axis=-1))
     return lengths
@@ -205,7 +216,9 @@ def _corners(
     if is_loop:
         seam = [points[0]]
         if not {0, runs[-1]} & pinned_points:
-            run_points = np.concatenate([points[runs[-2] : -1], points[: runs[1] + 1]])
+            last_run = points[runs[-2] : -1]
+            first_run = points[: runs[1] + 1]
+            run_points = np.concatenate([last_run, first_run])
             seam = _meet(run_points, points[0], lines[-1], lines[0], limit)
         return [seam, *corners, seam]
     start = _joint(points[0], lines[0], 1.0)
@@ -242,6 +255,8 @@ def _meet(
     turn = float(cross(u, v))
     if abs(turn) > 1e-3:
         corner = p + u * (float(cross(q - p, v)) / turn)
+        # A sharp corner may lie outside the tolerance: cut off as little as
+        # possible of it.
         for back in (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0):
             ends = np.array([corner - back * u, corner + back * v])
             probe = np.array([ends[0], ends.mean(axis=0), ends[1]])
@@ -249,7 +264,10 @@ def _meet(
                 if back:
                     return [ends[0], ends[1]]
                 return [corner]
-    return [p + u * ((break_point - p) @ u), q + v * ((break_point - q) @ v)]
+    # Nearly parallel lines have no usable corner: join them at the break.
+    first_foot = p + u * ((break_point - p) @ u)
+    second_foot = q + v * ((break_point - q) @ v)
+    return [first_foot, second_foot]
 
 
 def _deviation(
@@ -319,7 +337,8 @@ def crossings(rings: list[Array]) -> NDArray[np.intp]:
     itself.
     """
     start = np.concatenate(rings)
-    edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - start
+    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    edge = end - start
     owner = np.repeat(np.arange(len(rings)), list(map(len, rings)))
     segments = shapely.linestrings(np.stack([start, start + edge], axis=1))
     # The tree finds candidate pairs by their boxes, each pair in both orders: keep one.
@@ -334,7 +353,8 @@ def crossings(rings: list[Array]) -> NDArray[np.intp]:
 
     # Two edges cross if the ends of each lie on opposite sides of the other.
     crosses = _opposite(*sides(i, j)) & _opposite(*sides(j, i))
-    pairs = np.sort(owner[np.stack([i[crosses], j[crosses]], axis=1)], axis=1)
+    edges = np.stack([i[crosses], j[crosses]], axis=1)
+    pairs = np.sort(owner[edges], axis=1)
     return np.unique(pairs, axis=0).astype(np.intp).reshape(-1, 2)
 
 

@@ -58,6 +58,21 @@ def motion_key(world: World) -> str:
     return key("motion", world)
 
 
+def _source_files(package_root: str, rooms: Sequence[str]) -> list[str]:
+    """Return the sorted paths of Python files in the folder and in its packages `rooms`.
+
+    Raises ValueError for an unknown package.
+    """
+    paths = [entry.path for entry in os.scandir(package_root)]
+    for room in rooms:
+        if not os.path.isdir(os.path.join(package_root, room)):
+            raise ValueError(f"physgen has no room {room}")
+        # os.walk takes half the time of Path.rglob.
+        for folder, _, names in os.walk(os.path.join(package_root, room)):
+            paths += [os.path.join(folder, name) for name in names]
+    return sorted(path for path in paths if path.endswith(".py"))
+
+
 @cache
 def code_version(rooms: Sequence[str]) -> dict[str, str]:
     """Return the versions of all code with influence on results.
@@ -67,15 +82,8 @@ def code_version(rooms: Sequence[str]) -> dict[str, str]:
     unknown package.
     """
     package_root = os.path.dirname(physgen.__file__)
-    sources = [entry.path for entry in os.scandir(package_root)]
-    for room in rooms:
-        if not os.path.isdir(os.path.join(package_root, room)):
-            raise ValueError(f"physgen has no room {room}")
-        # os.walk takes half the time of Path.rglob.
-        for folder, _, names in os.walk(os.path.join(package_root, room)):
-            sources += [os.path.join(folder, name) for name in names]
     digest = sha256()
-    for path in sorted(path for path in sources if path.endswith(".py")):
+    for path in _source_files(package_root, rooms):
         with open(path, "rb") as file:
             text = file.read()
         digest.update(f"{path[len(package_root) :]} {len(text)}\n".encode() + text)

@@ -124,20 +124,27 @@ def command_alone(path: str | Path, options: RenderOptions) -> list[str]:
     for edit in options.overrides:
         if not (has_refine_flag and edit.startswith("refine.backend=")):
             edits.append(edit)
-    return [
-        *("physgen", "render", str(path)),
-        *([] if options.variant is None else ["--variant", options.variant]),
-        *(part for edit in edits for part in ("--set", edit)),
-        *options.models,
-        *([] if formats in ("", "mp4") else [f"--format={formats}"]),
-        *(
-            [f"--fan={options.draws}", f"--fan-seed={options.draw_seed}"]
-            if options.draws
-            else []
-        ),
-        *([f"--export={','.join(options.export)}"] if options.export else []),
-        *(["--allow-outside"] if options.allow_outside else []),
-    ]
+    command = ["physgen", "render", str(path)]
+    if options.variant is not None:
+        command += ["--variant", options.variant]
+    for edit in edits:
+        command += ["--set", edit]
+    command += options.models
+    if formats not in ("", "mp4"):
+        command.append(f"--format={formats}")
+    return command + _output_flags(options)
+
+
+def _output_flags(options: RenderOptions) -> list[str]:
+    """Return the flags for draws, labels and files outside the scene's folder."""
+    flags = []
+    if options.draws:
+        flags += [f"--fan={options.draws}", f"--fan-seed={options.draw_seed}"]
+    if options.export:
+        flags.append(f"--export={','.join(options.export)}")
+    if options.allow_outside:
+        flags.append("--allow-outside")
+    return flags
 
 
 def render_scene(
@@ -373,6 +380,7 @@ class _Run:
         scene = self.scene
         world = self.film.compiled.world
         self._check_motion(trajectory)
+        # The hashes let `verify` compare a motion without its file.
         record.samples = trajectory.sample_hashes()
         record.effort = asdict(trajectory.effort)
         for problem in accuracy_warnings(scene, world, trajectory, record.imbalance):
@@ -431,6 +439,7 @@ class _Run:
         if pushed_objects:
             name = pushed_objects[0].name
             speed = float(np.hypot(*pushed_objects[0].velocity))
+            # The push may be too weak, or the object may be held.
             if speed * world.duration < smallest_visible:
                 return f"{name} has {speed:.3g} px/s, too little to see"
             return f"{name} has a velocity and is stuck: {look_hint}"
@@ -472,6 +481,8 @@ class _Run:
         """Write the video and the labels, and return the first frame."""
         film = self.film
         record = self.record
+        # The frames are drawn one at a time, and labels read them on their way to the
+        # video.
         film.sample_exposures(trajectory)
         if not self.options.export:
             record.video |= film.deliver()

@@ -93,6 +93,8 @@ def accuracy_warnings(
     effort = trajectory.effort
     if effort.overworked >= 0:
         names = [name for name, _ in world.surfaces]
+        # Two bodies share an impact budget; one body alone has too many parts of a
+        # step.
         if effort.overworked_by >= 0:
             second_name = names[effort.overworked_by]
             subject = f"impacts of {names[effort.overworked]} and {second_name}"

@@ -313,6 +313,7 @@ def _chosen_push(
 
     objects = perceived_scene.document["objects"]
     confidence = push_confidence(perceived_scene, names, least_confidence)
+    # A face or a car moves forwards rather than backwards.
     facing = {}
     for name, item in objects.items():
         if "facing" in item:
@@ -430,6 +431,7 @@ def _with_ramp(
     if tried_ramp == 0 or "ramp" in perceived_scene.document["world"]:
         return perceived_scene
     ramp = ramp_of(perceived_scene.document.get("render", {}).get("slow", 1))
+    # A sudden start looks unnatural, but a slow one may not topple anything.
     ramped = _set_ramp(perceived_scene, ramp)
     if ramp == tried_ramp:
         return ramped

@@ -190,6 +190,7 @@ def perceive_photo(
     detections = _given_detections(photo, options, crew)
     for problem in _unused_choices(crew, options):
         warn(problem)
+    # Detections are in pixels of the file, and perception works on a smaller photo.
     if detections is not None:
         detections = shrink_detections(detections, photo.full_size, rgb)
     is_full_size = photo.full_size == (rgb.shape[1], rgb.shape[0])
@@ -400,6 +401,7 @@ def _with_gentle_pushes(shot: PerceivedScene) -> PerceivedScene:
     pushes = []
     objects = dict(shot.document["objects"])
     for name, entry in flung.items():
+        # The direction of the push, and a new speed that physgen chooses.
         right, down = entry["velocity"]
         pushes.append(f"{name}={degrees(atan2(down, right)):.4g}")
         without_spin = {}

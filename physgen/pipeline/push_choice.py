@@ -66,6 +66,7 @@ def _round_sides(mask: NDArray[np.bool_], corners: NDArray[np.float64]) -> list[
     sides = []
     for side, column in end_columns.items():
         rows = np.flatnonzero(mask[:, min(max(column, 0), last_column)])
+        # A mask that ends above the foot at its corner has a round corner there.
         gap = foot_row - float(rows.max(initial=-1))
         if len(rows) and gap > TRIAL.round_foot * height:
             sides.append(side)

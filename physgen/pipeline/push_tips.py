@@ -205,6 +205,7 @@ class Hand:
         if self.is_filling:
             return 0.0, turn
         _, height = measure_extent(self.body)
+        # The rotation itself moves the top: the rest of the visible path is a slide.
         top_path = radians(turn) * height / self.trials.side
         smallest, largest = SWAY.slide_paths
         path = min(max(SWAY.path - top_path, smallest), largest)
@@ -215,6 +216,7 @@ class Hand:
         else:
             arm = -left
         share = 1 - friction * low / max(arm, 1.0)
+        # A slide over a path s stops from the speed sqrt(2 mu g s).
         speed = sqrt(2 * friction * self.gravity * path * self.trials.side)
         return speed, turn * max(share, SWAY.least_torque)
 

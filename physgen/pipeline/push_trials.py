@@ -128,6 +128,7 @@ def _verify(
     is_as_good = ramped.outcome.grade >= candidate.outcome.grade
     if is_as_good or given_ramp is not None:
         return ramped
+    # A slow push may not topple what a sudden one does.
     sudden = _try(trials, replace(candidate, ramp=0.0), facing, world)
     is_better = sudden.outcome.grade > ramped.outcome.grade
     if is_better:
@@ -289,6 +290,7 @@ class _SearchEffort:
         if is_story and score >= TRIAL.score_share * self.highest:
             return True
         if self.has_story:
+            # Without a story so far, the search may go on for longer.
             most_trials = TRIAL.trial_count
         else:
             most_trials = 2 * TRIAL.trial_count
@@ -541,6 +543,7 @@ def simulate_push(
     world = _pushed_world(trials, velocities, world or trials.world, ramp, spins)
     motion, has_left, work = _run(trials, world)
     travel = measure_travel(world, motion) / trials.side
+    # A push without a visible motion needs no grades.
     farthest = float(travel.max(initial=0.0))
     speed = max(hypot(*velocity) for velocity in velocities.values())
     if farthest < TRIAL.least_travel or explodes(trials, motion, speed):

@@ -148,22 +148,27 @@ def motion_edits(
     forces = [*scene.document["forces"]]
     for item, values in motions:
         forces += values.pop("forces", [])
-        edits |= (
-            {}
-            if item.motion is Motion.DYNAMIC
-            else {f"objects.{item.name}.motion": "dynamic"}
-        )
+        if item.motion is not Motion.DYNAMIC:
+            edits[f"objects.{item.name}.motion"] = "dynamic"
         edits |= values
         # A dropped object falls straight down, unless another shorthand pushes it.
         if f"objects.{item.name}.place" in values and any(item.velocity):
             edits.setdefault(f"objects.{item.name}.velocity", [0, 0])
     if kicks:
         edits["forces"] = forces
-    for name in perceived_pushes(scene) if edits else ():
+    if edits:
+        _stop_perceived_pushes(scene, edits)
+    return edits
+
+
+def _stop_perceived_pushes(scene: Scene, edits: dict[str, Any]) -> None:
+    """Add edits that stop the objects with a push of perception, unless they have
+    edits.
+    """
+    for name in perceived_pushes(scene):
         edits.setdefault(f"objects.{name}.velocity", [0, 0])
         if "spin" in scene.document["objects"][name]:
             edits.setdefault(f"objects.{name}.spin", 0)
-    return edits
 
 
 def perceived_pushes(scene: Scene) -> Iterator[str]:
@@ -340,6 +345,7 @@ def _direction(flag: str, text: str) -> tuple[float, float]:
         for word in spelling.groups():
             if word:
                 words.append(word)
+        # Two words add to a diagonal; contrary words cancel each other.
         x = sum(WORDS[word][0] for word in words)
         y = sum(WORDS[word][1] for word in words)
         if x or y:
@@ -347,22 +353,26 @@ def _direction(flag: str, text: str) -> tuple[float, float]:
     try:
         angle = radians(finite(re.sub(r"\s*(deg|degrees|°)$", "", text)))
     except ValueError:
-        is_contrary = spelling is not None
-        # Choose the most specific advice: a typing error, a speed without direction, a
-        # missing @.
-        suggestion = None
-        if not is_contrary:
-            suggestion = nearest(text.lower(), _way_names())
-        fix = "write right, left, up, down, up-right ... or degrees, 0 to the right and 90 down"
-        if suggestion is not None:
-            fix = f"did you mean {suggestion}?"
-        if quantity(text, "px/s", 1.0) is not None:
-            fix = f"write the direction first, e.g. right@{text}"
-        way, _, speed = text.replace(",", " ").partition(" ")
-        if _is_way(way) and quantity(speed, "px/s", 1.0) is not None:
-            fix = f"write {way}@{speed.strip()}"
+        fix = _direction_advice(text, is_contrary=spelling is not None)
         raise Message.NOT_A_DIRECTION.error(flag, quoted(text), fix=fix) from None
     return cos(angle), sin(angle)
+
+
+def _direction_advice(text: str, *, is_contrary: bool) -> str:
+    """Return the fix of a wrong direction; contrary words are right and left."""
+    # Choose the most specific advice: a typing error, a speed without direction, a
+    # missing @.
+    way, _, speed = text.replace(",", " ").partition(" ")
+    if _is_way(way) and quantity(speed, "px/s", 1.0) is not None:
+        return f"write {way}@{speed.strip()}"
+    if quantity(text, "px/s", 1.0) is not None:
+        return f"write the direction first, e.g. right@{text}"
+    suggestion = None
+    if not is_contrary:
+        suggestion = nearest(text.lower(), _way_names())
+    if suggestion is not None:
+        return f"did you mean {suggestion}?"
+    return "write right, left, up, down, up-right ... or degrees, 0 to the right and 90 down"
 
 
 def _spelling(text: str) -> re.Match[str] | None:
@@ -425,6 +435,7 @@ def _kick(
     impulse: list[Any] = []
     for part in direction:
         impulse.append(float(f"{body.mass * speed * part:.4g}") + 0.0)
+    # A value in metres stays in metres, since the scale may change.
     if _metric(text):
         per_meter = scene.world.pixels_per_meter
         impulse = [f"{part / per_meter:.4g} g m/s" if part else 0 for part in impulse]
@@ -473,6 +484,7 @@ def _find_kicked_object(
 
     x, y = point.tolist()
     width, height = scene.size
+    # A point beside the picture belongs to the nearest pixel.
     row = int(np.clip(y, 0, height - 1))
     column = int(np.clip(x, 0, width - 1))
     label = int(compiled_scene.labels[row, column])

@@ -143,6 +143,7 @@ def stands_behind(photo_scene: PerceivedScene, name: str) -> bool:
         return False
     end = int(rows[-1]) + 1
     height = int(rows[-1] - rows[0]) + 1
+    # The foot is the lowest part of the object, and its carrier is just below.
     foot_top = end - max(round(RELEASE.foot * height), 1)
     columns = np.flatnonzero(object_mask[foot_top:end].any(axis=0))
     gap = max(round(RELEASE.gap * height), 3)
@@ -150,6 +151,7 @@ def stands_behind(photo_scene: PerceivedScene, name: str) -> bool:
     sides = _columns_beside(labels, columns)
     for carrier in np.unique(carriers[carriers > 0]).tolist():
         share = (carriers == carrier).any(axis=0).mean()
+        # A plate before the bowl continues on both sides and ends below the foot.
         is_wider = bool((sides == carrier).any())
         is_in_sight = bool((sides[:foot_top] == carrier).any())
         if share >= RELEASE.carrier_share and is_wider and not is_in_sight:
@@ -313,6 +315,7 @@ def _passing(
     for key, outline in outlines.items():
         places[key] = _GroundPlace.from_outline(outline)
     own_place = places.pop(name)
+    # Objects at the same distance collide; all others let the object pass.
     near = []
     for key, place in places.items():
         if own_place.meets(place, tilt):

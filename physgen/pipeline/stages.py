@@ -84,6 +84,7 @@ def _named_in_scene(problem: Problem, scene: Scene) -> Problem:
         key = "image"
     else:
         key = "assets"
+    # A scene without this key has no line to show.
     if key not in scene.places:
         return problem
     name = quoted(

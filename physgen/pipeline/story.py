@@ -216,10 +216,7 @@ def _starts_at(
 ) -> Iterator[Start]:
     """Yield the starts of one actor at a speed, px/s."""
     body = world.bodies[actor]
-    if story.direction and story.direction[0]:
-        signs = [story.direction[0]]
-    else:
-        signs = [1, -1]
+    signs = _signs_of(story)
     if story.wish is Wish.SPIN:
         for sign in signs:
             yield Start(actor, spin=sign * LIMITS.spin * speed / (body.reach * 10))
@@ -228,14 +225,20 @@ def _starts_at(
     is_upright = scene.world.view is View.SIDE and body.radius is None
     # An upright object turns over by a push at its top; a push through its centre of
     # mass would slide it.
-    if story.wish is Wish.TURN and not story.targets and is_upright:
+    if story.wish is Wish.TURN and is_upright:
+        if story.targets:
+            signs = _signs_to_targets(world, story, actor)
         for sign in signs:
-            yield Start(actor, top_impulse=sign * body.mass * speed / 2)
-    if story.wish is Wish.TURN and story.targets and is_upright:
-        for sign in _signs_to_targets(world, story, actor):
             yield Start(actor, top_impulse=sign * body.mass * speed / 2)
     for way in _directions(scene, world, story, actor):
         yield Start(actor, velocity=(way[0] * speed, way[1] * speed))
+
+
+def _signs_of(story: Story) -> list[int]:
+    """Return the sides to which a story may push: 1 right, -1 left."""
+    if story.direction and story.direction[0]:
+        return [story.direction[0]]
+    return [1, -1]
 
 
 def _signs_to_targets(world: World, story: Story, actor: int) -> list[int]:
@@ -331,6 +334,7 @@ def started_world(scene: Scene, world: World, start: Start) -> World:
     item = scene.objects[start.actor]
     started_item = replace(item, velocity=start.velocity, motion=Motion.DYNAMIC)
     body = set_velocity(world.bodies[start.actor], started_item, scene.world.view)
+    # Upwards is negative in the picture.
     shift = np.array([0.0, -start.lift])
     body = replace(
         body,
@@ -368,31 +372,16 @@ def _height(body: Body) -> float:
 
 def fulfilment(world: World, story: Story, start: Start, motion: Trajectory) -> float:
     """Return the share from 0 to 1 of a story's wish that a motion fulfils."""
-    shares = []
+    if story.wish is Wish.HALT:
+        return _halt_share(world, start.actor, motion)
+    if story.wish is Wish.SHIFT:
+        share = _measure_actor_shift(world, story, start.actor, motion)
+        return _reduce_unless_rested(story, start, motion, share)
     subjects = story.targets or (start.actor,)
     if story.wish is Wish.TOUCH:
         shares = [_touches(motion, start.actor, k) for k in subjects]
-    elif story.wish is Wish.SHIFT:
-        return _reduce_unless_rested(
-            story,
-            start,
-            motion,
-            _measure_actor_shift(world, story, start.actor, motion),
-        )
-    elif story.wish is Wish.HALT:
-        return _halt_share(world, start.actor, motion)
     else:
-        bodies = []
-        for k in subjects:
-            if k < len(world.bodies):
-                bodies.append(k)
-        shares = [_change(world, story.wish, k, motion) for k in bodies]
-        # A target that moves by itself is no effect of the actor.
-        if story.targets and story.wish is not Wish.DROP:
-            shares = [
-                _reduce_without_new_touch(motion, start.actor, share)
-                for share in shares
-            ]
+        shares = _change_shares(world, story, start.actor, subjects, motion)
     if not shares:
         return 0.0
     if story.needs_all:
@@ -400,6 +389,28 @@ def fulfilment(world: World, story: Story, start: Start, motion: Trajectory) -> 
     else:
         total_share = max(shares)
     return _reduce_unless_rested(story, start, motion, total_share)
+
+
+def _change_shares(
+    world: World,
+    story: Story,
+    actor: int,
+    subjects: Sequence[int],
+    motion: Trajectory,
+) -> list[float]:
+    """Return the share of a story's change, from 0 to 1, of each body among the
+    subjects.
+    """
+    shares = []
+    for k in subjects:
+        if k >= len(world.bodies):
+            continue
+        share = _change(world, story.wish, k, motion)
+        # A target that moves by itself is no effect of the actor.
+        if story.targets and story.wish is not Wish.DROP:
+            share = _reduce_without_new_touch(motion, actor, share)
+        shares.append(share)
+    return shares
 
 
 def _halt_share(world: World, actor: int, motion: Trajectory) -> float:
@@ -517,14 +528,7 @@ def outcome_words(
         sentences.append(
             f"{actor} touches {listed([surfaces[k] for k in touched_surfaces], 'and')}"
         )
-    turn_sentences = []
-    for k, name in enumerate(names):
-        angle = degrees(
-            float(np.abs(motion.poses[:, k, 2] - motion.poses[0, k, 2]).max())
-        )
-        if angle >= LIMITS.fallen_angle and world.bodies[k].radius is None:
-            turn_sentences.append(f"{name} turns by {angle:.0f} degrees")
-    sentences += turn_sentences
+    sentences += _turn_sentences(names, world, motion)
     offset = motion.poses[-1, start.actor, :2] - motion.poses[0, start.actor, :2]
     share = hypot(*offset.tolist()) / max(world.size)
     sentences.append(
@@ -539,12 +543,7 @@ def story_edits(
     """Return the edits of a start, by dotted key, with the scene's own pushes
     removed.
     """
-    edits: dict[str, Any] = {}
-    for item in scene.objects:
-        if item.motion is Motion.DYNAMIC and any(item.velocity):
-            edits[f"objects.{item.name}.velocity"] = [0, 0]
-        if item.motion is Motion.DYNAMIC and item.spin:
-            edits[f"objects.{item.name}.spin"] = 0
+    edits = _resting_edits(scene.objects)
     # Pushes belong to the motion that the story replaces; lasting forces stay.
     own_forces = scene.document["forces"]
     forces = []
@@ -574,6 +573,32 @@ def story_edits(
             "at": [round(float(part), 1) for part in point],
         }
         edits["forces"] = [*forces, push]
+    return edits
+
+
+def _turn_sentences(
+    names: Sequence[str], world: World, motion: Trajectory
+) -> list[str]:
+    """Return a sentence for each object that falls over."""
+    sentences = []
+    for k, name in enumerate(names):
+        turns = np.abs(motion.poses[:, k, 2] - motion.poses[0, k, 2])
+        angle = degrees(float(turns.max()))
+        if angle >= LIMITS.fallen_angle and world.bodies[k].radius is None:
+            sentences.append(f"{name} turns by {angle:.0f} degrees")
+    return sentences
+
+
+def _resting_edits(objects: Sequence[Object]) -> dict[str, Any]:
+    """Return the edits that stop all moving objects."""
+    edits: dict[str, Any] = {}
+    for item in objects:
+        if item.motion is not Motion.DYNAMIC:
+            continue
+        if any(item.velocity):
+            edits[f"objects.{item.name}.velocity"] = [0, 0]
+        if item.spin:
+            edits[f"objects.{item.name}.spin"] = 0
     return edits
 
 

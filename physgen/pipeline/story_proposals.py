@@ -74,6 +74,8 @@ def action_schemas(scene: Scene, may_change_objects: bool) -> dict[str, dict[str
             ["force", "duration"],
         ),
     }
+    # A model that may change objects can also break the photo, so that this is an
+    # option.
     if may_change_objects:
         properties["remove"] = ({}, [])
         properties["add"] = (

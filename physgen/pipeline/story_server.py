@@ -344,21 +344,27 @@ def motion_words(world: World, motion: Trajectory) -> str:
     pairs = motion.contacts.touch_pairs[new_touches(motion)].tolist()
     sentences = []
     for k, name in enumerate(surfaces[: len(world.bodies)]):
-        parts = []
-        right, down = (motion.poses[-1, k, :2] - motion.poses[0, k, :2]).tolist()
-        if max(abs(right), abs(down)) >= MOVED:
-            parts.append(f"ends {right:+.0f} px right and {down:+.0f} px down")
-        angles = motion.poses[:, k, 2] - motion.poses[0, k, 2]
-        turn = degrees(float(np.abs(angles).max()))
-        if turn >= TURNED and world.bodies[k].radius is None:
-            parts.append(f"turns by up to {turn:.0f} degrees")
-        hit = sorted({one for row in pairs if k in row for one in row} - {k})
-        if hit:
-            others = listed([surfaces[one] for one in hit], "and")
+        parts = _pose_words(world, motion, k)
+        partners = sorted({other for row in pairs if k in row for other in row} - {k})
+        if partners:
+            others = listed([surfaces[partner] for partner in partners], "and")
             parts.append(f"touches {others}")
         if parts:
             sentences.append(f"{name} {', '.join(parts)}")
     return "; ".join(sentences) or Note.STORY_NOTHING_MOVES.value
+
+
+def _pose_words(world: World, motion: Trajectory, k: int) -> list[str]:
+    """Return how far a body moves and turns, in words; empty for small motions."""
+    words = []
+    right, down = (motion.poses[-1, k, :2] - motion.poses[0, k, :2]).tolist()
+    if max(abs(right), abs(down)) >= MOVED:
+        words.append(f"ends {right:+.0f} px right and {down:+.0f} px down")
+    angles = motion.poses[:, k, 2] - motion.poses[0, k, 2]
+    turn = degrees(float(np.abs(angles).max()))
+    if turn >= TURNED and world.bodies[k].radius is None:
+        words.append(f"turns by up to {turn:.0f} degrees")
+    return words
 
 
 def photo_overview(maps: Percepts, document: Mapping[str, Any]) -> bytes:

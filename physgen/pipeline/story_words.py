@@ -292,38 +292,51 @@ def _members(
 ) -> tuple[tuple[int, ...], bool]:
     """Return the candidates of a phrase, and whether all of them are meant."""
     for candidate in candidates:
-        is_name = candidate.name == "-".join(phrase)
-        has_noun = len(phrase) == 2 and singular(phrase[0]) in candidate.words
-        if is_name or (has_noun and candidate.name == phrase[1]):
+        if _is_name_of(candidate, phrase):
             return (candidate.index,), False
     needs_all = any(word in ALL for word in phrase)
-    places = []
-    for word in phrase[:-1]:
-        if word in PLACES:
-            places.append(word)
-    name_parts = []
-    for word in phrase:
-        if word not in (*ALL, *places):
-            name_parts.append(singular(word))
-    name_parts = [word for word in name_parts if word not in ("and", "other", "one")]
+    places = [word for word in phrase[:-1] if word in PLACES]
+    name_parts = _name_parts(phrase, places)
     if not name_parts:
         return (), False
-    # A number may follow the noun: "domino 5".
-    noun = next((word for word in reversed(name_parts) if not word.isdigit()), "")
-    matches = []
-    for candidate in candidates:
-        is_named = noun in candidate.nouns and set(name_parts) <= candidate.words
-        if is_named:
-            matches.append(candidate)
-    exact_matches = []
-    for candidate in matches:
-        if "-".join(name_parts) == candidate.name:
-            exact_matches.append(candidate)
-    if exact_matches:
-        matches = exact_matches
+    matches = _candidates_with_words(name_parts, candidates)
     if places and len(matches) > 1:
         matches = [_select_by_place(matches, places[0])]
     return tuple(candidate.index for candidate in matches), needs_all
+
+
+def _is_name_of(candidate: NamedItem, phrase: Sequence[str]) -> bool:
+    """Return whether a phrase is the full name, or a noun and the name."""
+    if candidate.name == "-".join(phrase):
+        return True
+    has_noun = len(phrase) == 2 and singular(phrase[0]) in candidate.words
+    return has_noun and candidate.name == phrase[1]
+
+
+def _name_parts(phrase: Sequence[str], places: Sequence[str]) -> list[str]:
+    """Return the words of a phrase that belong to a name, in the singular."""
+    name_parts = []
+    for word in phrase:
+        part = singular(word)
+        if word not in (*ALL, *places) and part not in ("and", "other", "one"):
+            name_parts.append(part)
+    return name_parts
+
+
+def _candidates_with_words(
+    name_parts: Sequence[str], candidates: Sequence[NamedItem]
+) -> list[NamedItem]:
+    """Return the candidates of exactly this name, or else of all these words."""
+    # A number may follow the noun: "domino 5".
+    noun = next((word for word in reversed(name_parts) if not word.isdigit()), "")
+    matches = []
+    exact_matches = []
+    for candidate in candidates:
+        if noun in candidate.nouns and set(name_parts) <= candidate.words:
+            matches.append(candidate)
+            if "-".join(name_parts) == candidate.name:
+                exact_matches.append(candidate)
+    return exact_matches or matches
 
 
 def _select_by_place(candidates: Sequence[NamedItem], place: str) -> NamedItem:

@@ -76,14 +76,19 @@ def outcome_doubts(
     if outcome.grade is Grade.SHORT and seconds < OUTCOME.brief:
         doubts.append(Note.MOTION_BRIEF.text(seconds=seconds))
     doubts += _fill_doubts(perceived_scene, outcome)
-    parts = list(dict.fromkeys(map(_part_owner, perceived_scene.warnings)))
-    owners = []
-    for name in parts:
-        if name in outcome.mover_names:
-            owners.append(name)
+    owners = _moving_owners(perceived_scene, outcome)
     if owners:
         doubts.append(Note.PART_MAY_STAY.text(names=listed(owners, "and")))
     return doubts
+
+
+def _moving_owners(perceived_scene: PerceivedScene, outcome: Outcome) -> list[str]:
+    """Return the moving objects with a warning of a part beside them."""
+    owners = []
+    for name in dict.fromkeys(map(_part_owner, perceived_scene.warnings)):
+        if name in outcome.mover_names:
+            owners.append(name)
+    return owners
 
 
 def without_parts_at_rest(

@@ -229,8 +229,10 @@ class _Atlas:
         right, bottom = self.last[k].astype(int) + 1
         first = int(self.left[k])
         place = np.s_[2 * GAP : 2 * GAP + bottom, first : first + right]
-        centre, radius = 2 * (self.center[k] - self.corner[k]), 2 * ball.radius
-        near_side, far_side = self.skin[:height], self.skin[height:]
+        centre = 2 * (self.center[k] - self.corner[k])
+        radius = 2 * ball.radius
+        near_side = self.skin[:height]
+        far_side = self.skin[height:]
         skin = near_side[place][..., :3].copy()
         # A painted ball has its pattern on the far side, another ball a continuation.
         if ball.has_continued_texture:
@@ -277,15 +279,14 @@ class _Atlas:
         start = np.array(corners, np.float64) - self.corner[places] - shifts
         offsets = np.array(corners, np.float64) - self.center[places] - shifts
         left = self.left[places]
-        x, y = strip.empty(), strip.empty()
+        x = strip.empty()
+        y = strip.empty()
         # Gloss and shading move without turning.
         first_samples = 2 * start
         x[:] = 2 * strip.columns + strip.to_columns(first_samples[:, 0] + left)
         np.add(2 * strip.rows, strip.to_columns(first_samples[:, 1] + 2 * GAP), out=y)
-        picture, shading_light = (
-            warp_picture(self.still, x, y),
-            warp_picture(self.lit, x, y),
-        )
+        picture = warp_picture(self.still, x, y)
+        shading_light = warp_picture(self.lit, x, y)
         # The inverse rotations lead from the present skin to that of the photo.
         turns = np.array([placement.space for placement in wheres]).transpose(0, 2, 1)
         self._skin_places(x, y, places, offsets, turns, strip)
@@ -363,7 +364,8 @@ def _member_pictures(
         x0, y0, x1, y1 = sprite.covered_box
         box = np.s_[y0:y1, x0:x1]
         coverage = sprite.coverage[box]
-        alpha, zeros = coverage[..., None], np.zeros_like(coverage)
+        alpha = coverage[..., None]
+        zeros = np.zeros_like(coverage)
         gloss_pictures.append(np.dstack([ball.gloss[box] * alpha, coverage]))
         shading_pictures.append(np.dstack([ball.shading[box] * alpha, zeros]))
         skin_pictures.append(np.dstack([np.maximum(ball.skin[box], 0), zeros]))
@@ -406,6 +408,37 @@ class ShadowSprites:
         return boxes
 
 
+def _visible_boxes(boxes: F64, corners: F64) -> NDArray[np.intp]:
+    """Return the indices of boxes (n, 4) with pixels in the picture.
+
+    A diverged motion has no finite corner (n, 2).
+    """
+    is_inside = (boxes[:, 2:] > boxes[:, :2]).all(axis=1)
+    return np.flatnonzero(is_inside & np.isfinite(corners).all(axis=1))
+
+
+def _add_cells(
+    darkness: F32,
+    picture: F32,
+    width: int,
+    boxes: NDArray[np.int64],
+    weights: Sequence[float],
+) -> list[Slices]:
+    """Add the cells of a picture, `width` px each, to boxes (n, 4) of `darkness`, times
+    weights; return the boxes.
+    """
+    slices: list[Slices] = []
+    for j, (left, top, right, bottom) in enumerate(boxes.tolist()):
+        start = j * width
+        shadow = picture[: bottom - top, start : start + right - left]
+        # Most weights are 1: a product would only cost time.
+        if weights[j] != 1:
+            shadow = np.float32(weights[j]) * shadow
+        darkness[top:bottom, left:right] += shadow
+        slices.append(np.s_[top:bottom, left:right])
+    return slices
+
+
 class _Row:
     """Sliding shadows of about one size, side by side."""
 
@@ -423,26 +456,13 @@ class _Row:
         places = np.array([place for place, _, _ in members])
         corner = self._shifted_corners(places, [stand for _, stand, _ in members])
         boxes = self._clip_boxes(places, corner, darkness.shape[::-1])
-        # Shadows outside the picture are left out; a diverged motion has no finite
-        # corner.
-        is_inside = (boxes[:, 2:] > boxes[:, :2]).all(axis=1)
-        is_visible = is_inside & np.isfinite(corner).all(axis=1)
-        visible = np.flatnonzero(is_visible)
+        visible = _visible_boxes(boxes, corner)
         if not len(visible):
             return []
         pixel_boxes = boxes[visible].astype(int)
         picture, width = self._warp(places[visible], corner[visible], pixel_boxes)
-        slices: list[Slices] = []
-        for j, (left, top, right, bottom) in enumerate(pixel_boxes.tolist()):
-            box = np.s_[top:bottom, left:right]
-            start = j * width
-            shadow = picture[: bottom - top, start : start + right - left]
-            weight = members[visible[j]][2]
-            if weight != 1:
-                shadow = np.float32(weight) * shadow
-            darkness[box] += shadow
-            slices.append(box)
-        return slices
+        weights = [members[number][2] for number in visible.tolist()]
+        return _add_cells(darkness, picture, width, pixel_boxes, weights)
 
     def _shifted_corners(
         self, places: NDArray[np.int64], stands: Sequence[SpritePose]
@@ -450,10 +470,12 @@ class _Row:
         """Return the corners (n, 2) of shadows at the poses of their objects, px."""
         shifts = []
         for stand in stands:
-            shifts.append((stand.pose.x - stand.start.x, stand.pose.y - stand.start.y))
-        return np.asarray(
-            self.corner[places] + self.speed[places] * np.array(shifts), np.float64
-        )
+            shift_x = stand.pose.x - stand.start.x
+            shift_y = stand.pose.y - stand.start.y
+            shifts.append((shift_x, shift_y))
+        # A leaning light moves the shadow further than the object.
+        shadow_shifts = self.speed[places] * np.array(shifts)
+        return np.asarray(self.corner[places] + shadow_shifts, np.float64)
 
     def _clip_boxes(
         self, places: NDArray[np.int64], corner: F64, size: tuple[int, ...]
@@ -469,10 +491,12 @@ class _Row:
         """Return the shadows side by side in cells of the largest box; and a cell's
         width.
         """
+        # Corners are between pixels: the warp interpolates the remaining part.
         offset = boxes[:, :2] - corner
         width, height = (boxes[:, 2:] - boxes[:, :2]).max(axis=0).tolist()
         strip = Strip(len(places), (height, width))
-        x, y = strip.empty(), strip.empty()
+        x = strip.empty()
+        y = strip.empty()
         x[:] = strip.columns + strip.to_columns(offset[:, 0] + self.left[places])
         np.add(strip.rows, strip.to_columns(offset[:, 1] + GAP), out=y)
         return warp_picture(self.picture, x, y), width

@@ -169,7 +169,10 @@ def ball_from_photo(
         no_gloss = np.zeros_like(colour)
         ball = Ball(corner, center, radius, inner_light, no_gloss, light, inner_light)
         return _with_one_colour(ball, colour, normals.inside)
+    # Gloss belongs to the lamp and stays in place; the skin below it turns with the
+    # ball.
     shine = _gloss(inner_light, *normals.parts, radius, light)
+    # The photo's own shading decides how much of Lambert's law the light follows.
     trust = _measure_shading_strength(
         inner_light - shine, sphere_shading(light, *normals.parts), normals.inside
     )
@@ -180,6 +183,7 @@ def ball_from_photo(
     ball = replace(ball, skin=np.ascontiguousarray(skin, np.float32))
     smooth_light = np.ones_like(normals.rho)
     use = normals.inside & (shine.max(axis=2) <= 0)
+    # Known paints separate the skin from the remaining light.
     paints = find_paints(ball.skin, *normals.parts, use)
     if paints is not None:
         has_pattern = view is View.TOP and has_paints
@@ -248,6 +252,8 @@ def _with_paints(
     ball = replace(ball, lamp_weights=paints.lamp_weights)
     shade = ball.shade(*normals.parts)
     skin = (inner_light - shine) / shade
+    # The nearest paint predicts the skin; the rest above it is gloss, and below it is
+    # shade.
     painted_skin = _paint_by_nearest_colour(skin, paints)
     pattern = None
     if has_pattern:
@@ -289,7 +295,8 @@ def _smooth_skin_light(
 ) -> F32:
     """Return the smooth light (h, w) by which a skin differs from its paints."""
     is_within = (normals.rho < 1).astype(np.float32)
-    brightness, flat_brightness = skin.mean(axis=2), painted_skin.mean(axis=2)
+    brightness = skin.mean(axis=2)
+    flat_brightness = painted_skin.mean(axis=2)
     sigma = BALL.light_width * radius
     return blurred_share(brightness, flat_brightness, is_within, sigma)
 

@@ -81,7 +81,8 @@ def _in_common_light(
     """Return a ball with the gloss and the light of a common ball of another radius."""
     assert common_ball.fade is not None
     # Sample the common images back to the size and place of the ball.
-    size, scale = ball.skin.shape[1::-1], common_radius / ball.radius
+    size = ball.skin.shape[1::-1]
+    scale = common_radius / ball.radius
     shift = common_radius - scale * np.subtract(ball.center, ball.corner)
     return replace(
         ball,
@@ -134,7 +135,8 @@ def _shared_gloss(views: _BallViews, model: F32) -> F32:
     """
     is_dark = model < BALL.mirror_light
     excess = views.pictures - model
-    is_clear, is_plain = views.is_clear[..., None], views.is_plain[..., None]
+    is_clear = views.is_clear[..., None]
+    is_plain = views.is_plain[..., None]
     gloss = np.maximum(_usual(excess, is_clear & is_dark, is_plain & is_dark), 0)
     is_clipped = views.pictures.min(axis=3, keepdims=True) > BALL.brightest_paint
     median_excess = np.median(np.where(is_clipped, 1, excess), axis=0)
@@ -164,7 +166,8 @@ def _open(points: NDArray[Any], ball: Ball, balls: Sequence[Ball]) -> list[Mask]
     writing, _ = ball.pattern.map_to_disc(points, 1e-3)
     has_one_paint = np.abs(ball.pattern.values(points)) > BALL.blur_width
     is_plain = has_one_paint & (writing[..., 0] == 0)
-    is_lit, is_clear = is_plain.copy(), is_plain.copy()
+    is_lit = is_plain.copy()
+    is_clear = is_plain.copy()
     viewer = np.array([0, 0, 1], np.float32)
     mirror_rays = 2 * points[..., 2:] * points - viewer
     for other in balls:
@@ -234,7 +237,8 @@ def _robust_light(rows: F64, level: F64, paint: Ids) -> F64:
     """
     # Light is hardly visible on dark paint.
     visibility = 1 - BALL.least_light * np.exp(-level).mean(axis=1)
-    light_weights, pixel_weights = np.zeros((8, 3)), visibility
+    light_weights = np.zeros((8, 3))
+    pixel_weights = visibility
     for _ in range(BALL.rounds):
         light_weights = solve_weights(rows, level, paint, pixel_weights)
         errors = np.abs(

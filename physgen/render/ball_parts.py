@@ -45,6 +45,7 @@ def split_balls(
     for sprite in sprites:
         lumpiness = 0.0
         label = scene.objects[sprite.body].label
+        # A lump does not roll as a sphere does: its picture turns as a whole.
         if world.view is View.SIDE and is_lump(sprite, world.bodies[sprite.body]):
             parts.append((sprite, False))
             continue

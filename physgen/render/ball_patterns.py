@@ -55,13 +55,18 @@ def find_paints(unlit_colours: F32, u: F32, v: F32, z: F32, use: Mask) -> Paints
         return None
     pixels = pixels[:: -(-len(pixels) // BALL.most_pixels)]
     light = np.maximum(unlit_colours.reshape(-1, 3)[pixels], 0)
+    # In logarithms, light times paint is a sum, and linear least squares can separate
+    # both.
     level: F64 = np.log(light + np.float32(BALL.least_light)).astype(np.float64)
-    pictures = [np.broadcast_to(b, use.shape).ravel()[pixels] for b in basis(u, v, z)]
+    pictures = []
+    for picture in basis(u, v, z):
+        pictures.append(np.broadcast_to(picture, use.shape).ravel()[pixels])
     rows: F64 = np.column_stack(pictures).astype(np.float64)
     channels, paint_ids = _fit_light_and_paints(rows, level)
     unlit = np.maximum(np.exp(level - rows @ channels) - BALL.least_light, 0)
     order = np.argsort(-np.bincount(paint_ids), kind="stable")
     colours = average_each_paint(np.median, unlit, paint_ids)[order]
+    # Pixels between paints are borders; many of them mean that the ball is not painted.
     distances = [np.abs(unlit - colour).max(axis=1) for colour in colours]
     is_unlike = np.min(distances, axis=0) > BALL.mixture_distance * colours.max()
     return Paints(
@@ -78,8 +83,10 @@ def _fit_light_and_paints(rows: F64, level: F64) -> tuple[F64, Ids]:
     """
     grey = level.mean(axis=1)
     # Begin with paints mainly by hue, which light changes little.
-    paint_ids = _split(np.column_stack([2 * (level - grey[:, None]), 0.7 * grey]))
-    light_weights, pixel_weights = np.zeros(8), np.ones(len(grey))
+    hue = level - grey[:, None]
+    paint_ids = _split(np.column_stack([2 * hue, 0.7 * grey]))
+    light_weights = np.zeros(8)
+    pixel_weights = np.ones(len(grey))
     for _ in range(BALL.rounds):
         errors = np.abs(deviations_from_median(grey - rows @ light_weights, paint_ids))
         pixel_weights = 1 / np.maximum(errors / BALL.outlier_error, 1)
@@ -105,14 +112,17 @@ def solve_weights(rows: F64, level: F64, paint: Ids, trust: F64) -> F64:
     Least squares. A constant over one paint is no light: each paint's mean is
     subtracted.
     """
-    terms, target, weight = rows.copy(), level.copy(), trust[:, None]
+    terms = rows.copy()
+    target = level.copy()
+    weight = trust[:, None]
     for k in range(paint.max() + 1):
         is_paint = paint == k
         own_trust = trust[is_paint]
         terms[is_paint] -= np.average(terms[is_paint], axis=0, weights=own_trust)
         target[is_paint] -= np.average(target[is_paint], axis=0, weights=own_trust)
     weighted_terms = (terms * weight).T
-    normal = weighted_terms @ terms + BALL.stiff * len(rows) * np.eye(rows.shape[1])
+    damping = BALL.stiff * len(rows) * np.eye(rows.shape[1])
+    normal = weighted_terms @ terms + damping
     return np.asarray(np.linalg.solve(normal, weighted_terms @ target))
 
 
@@ -129,6 +139,7 @@ def _split(points: F64) -> Ids:
     """
     middles = [np.median(points, axis=0)]
     for _ in range(BALL.paints - 1):
+        # The next start is far from all paints so far.
         squares = [((points - middle) ** 2).sum(axis=1) for middle in middles]
         distance = np.min(squares, axis=0)
         # The very farthest point may be a highlight.
@@ -219,7 +230,8 @@ class Pattern:
         """
         if self.disc is None:
             return np.zeros((*points.shape[:-1], 1), np.float32), points
-        middle, upward = self.disc.normal, self.border.normal
+        middle = self.disc.normal
+        upward = self.border.normal
         upward = upward - (upward @ middle) * middle
         upward = upward / np.linalg.norm(upward)
         # The rear shows the same disc, turned by half a turn about the vertical.
@@ -317,7 +329,9 @@ def _border(points: F64, value: F64, *, has_two_planes: bool) -> tuple[float, Bo
         share = np.abs(heights) if has_two_planes else (heights + 1) / 2
         gain = _separation_gain(share, value[::stride], steps)
         best, step = np.unravel_index(np.argmax(np.abs(gain)), gain.shape)
-        normal, largest, place = axes[best], gain[best, step], (step + 1) / steps
+        normal = axes[best]
+        largest = gain[best, step]
+        place = (step + 1) / steps
         axes = _axes_around(normal, width)
         stride = 1
     distance = float(place if has_two_planes else 2 * place - 1)
@@ -328,7 +342,8 @@ def _border(points: F64, value: F64, *, has_two_planes: bool) -> tuple[float, Bo
 def _spiral(count: int) -> F64:
     """Return `count` directions (n, 3), evenly over a hemisphere."""
     k = np.arange(count) + 0.5
-    height, turn = k / count, np.pi * (1 + 5**0.5) * k
+    height = k / count
+    turn = np.pi * (1 + 5**0.5) * k
     radius = np.sqrt(1 - height**2)
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
 

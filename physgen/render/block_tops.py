@@ -129,6 +129,7 @@ def page_rows(brightness: F32, rows: tuple[int, int], edges: tuple[int, int]) ->
     (first, front), (left, right) = rows, edges
     start, end = (round(left + share * (right - left)) for share in TOPS.inner)
     upper, lower = TOPS.spine
+    # A median across each row ignores letters and damage.
     inner = np.median(brightness[first : front + lower, start:end], axis=1)
     if len(inner) < front - first + lower:
         return is_page
@@ -139,6 +140,7 @@ def page_rows(brightness: F32, rows: tuple[int, int], edges: tuple[int, int]) ->
     )
     if pages < TOPS.brighter * max(spine, covers):
         return is_page
+    # Pages are brighter than both covers.
     is_bright = inner > spine + TOPS.mixed_share * (pages - spine)
     is_page[first : first + len(inner)] = is_bright
     return is_page

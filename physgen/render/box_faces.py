@@ -102,13 +102,16 @@ def with_closed_faces(
     if body.radius is not None or len(body.rings) != 1 or len(body.rings[0]) != 4:
         return sprite
     numbers = labels_on_box(sprite, labels, bodies)
-    own, other = numbers == sprite.body + 1, numbers > 0
+    own = numbers == sprite.body + 1
+    other = numbers > 0
     other &= ~own
     if not other.any():
         return sprite
     for edge in _edges(body, sprite):
         if not _may_have_face(edge):
             continue
+        # The face beside an edge may be partly hidden: its visible part gives height
+        # and slant.
         band = _band(sprite, edge, own, other)
         face = _visible_face(band)
         if face is not None:
@@ -132,8 +135,10 @@ def labels_on_box(sprite: Sprite, labels: U16, bodies: Sequence[int]) -> U16:
     height, width = sprite.coverage.shape
     x, y = sprite.corner
     numbers = np.zeros((height, width), labels.dtype)
-    top, left = max(y, 0), max(x, 0)
-    bottom, right = min(y + height, labels.shape[0]), min(x + width, labels.shape[1])
+    top = max(y, 0)
+    left = max(x, 0)
+    bottom = min(y + height, labels.shape[0])
+    right = min(x + width, labels.shape[1])
     numbers[top - y : bottom - y, left - x : right - x] = labels[top:bottom, left:right]
     if bodies:
         numbers[~np.isin(numbers, np.add(bodies, 1))] = 0
@@ -159,12 +164,14 @@ def _band(sprite: Sprite, edge: _Edge, own_mask: Mask, other: Mask) -> _Band:
     """Sample the strip beside an edge, one column and one row a pixel."""
     columns = np.arange(round(edge.length)) + 0.5
     rows = np.arange(-FACE.inside, max(round(FACE.reach * edge.length), 3)) + 0.5
+    # A grid along the edge and outwards from it, in pixels of the photo.
     points = (
         edge.start
         + columns[None, :, None] * edge.direction
         + rows[:, None, None] * edge.outward
     ).astype(np.float32)
-    x, y = points[..., 0], points[..., 1]
+    x = points[..., 0]
+    y = points[..., 1]
     colour = sprite.light / np.maximum(sprite.coverage, 1e-3)[..., None]
     light = cv2.remap(colour.astype(np.float32), x, y, cv2.INTER_LINEAR)
     masks = []
@@ -181,6 +188,7 @@ def _visible_face(band: _Band) -> _Face | None:
     visible_share = np.isfinite(heights).mean()
     if visible_share < FACE.visible or is_hidden.mean() < FACE.hidden_share:
         return None
+    # A real face has one height along the edge; a shadow or a neighbour has not.
     lower, thickness, upper = np.nanpercentile(heights, (25, 50, 75))
     if upper - lower > FACE.spread:
         return None
@@ -237,6 +245,7 @@ def _slant(own_mask: Mask, other: Mask) -> float:
     """Return how far a face's visible end moves along the edge per px outwards."""
     slants = []
     last = own_mask.shape[1] - 1
+    # Both ends of the face give a slant; the visible one counts.
     for mask, others, sign in (
         (own_mask, other, 1),
         (own_mask[:, ::-1], other[:, ::-1], -1),
@@ -256,7 +265,8 @@ def _paint(sprite: Sprite, edge: _Edge, face: _Face, other: Mask) -> Sprite:
     """Return the sprite with the hidden part of a face."""
     rows, columns = np.indices(sprite.coverage.shape)
     offset = np.stack([columns, rows], axis=2) - edge.start
-    u, v = offset @ edge.direction, offset @ edge.outward
+    u = offset @ edge.direction
+    v = offset @ edge.outward
     u = u - face.slant * np.maximum(v, 0)
     # The distance to the nearest side of the parallelogram softens its border.
     inside = np.minimum(np.minimum(u, edge.length - u), face.thickness - v) + 0.5

@@ -50,14 +50,18 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     scale = float(matrix[0, 0])
     x0, y0, x1, y1 = _visible_borders(rgb, matrix, size)
     left, top = round(x0), round(y0)
+    # Copied pixels stay exact, and cost nothing.
     is_whole_shift = max(abs(x0 - left), abs(y0 - top)) < NOTHING
     if scale == 1.0 and is_whole_shift:
-        return np.ascontiguousarray(rgb[top : top + size[1], left : left + size[0]])
+        visible_part = rgb[top : top + size[1], left : left + size[0]]
+        return np.ascontiguousarray(visible_part)
     # Crop to the pixels that the kernel can reach: large photos are much slower.
     reach = ceil(LOBES * max(1.0, 1.0 / scale)) + 1
-    left, top = max(floor(x0) - reach, 0), max(floor(y0) - reach, 0)
+    left = max(floor(x0) - reach, 0)
+    top = max(floor(y0) - reach, 0)
     rgb = rgb[top : ceil(y1) + reach, left : ceil(x1) + reach]
-    matrix = np.column_stack([matrix[:, :2], matrix @ [left, top, 1.0]])
+    shift = matrix @ [left, top, 1.0]
+    matrix = np.column_stack([matrix[:, :2], shift])
     return _resample_within_limits(rgb, matrix, size)
 
 
@@ -92,9 +96,10 @@ def nearest_in(
     """Resample a mask that is True only in a `box`, like `nearest`, by its
     `sources`.
     """
-    first_row, last_row = np.searchsorted(rows, (box[0].start, box[0].stop)).tolist()
-    edges = (box[1].start, box[1].stop)
-    first_column, last_column = np.searchsorted(columns, edges).tolist()
+    row_edges = (box[0].start, box[0].stop)
+    first_row, last_row = np.searchsorted(rows, row_edges).tolist()
+    column_edges = (box[1].start, box[1].stop)
+    first_column, last_column = np.searchsorted(columns, column_edges).tolist()
     own_rows = rows[first_row:last_row] - box[0].start
     own_columns = columns[first_column:last_column] - box[1].start
     result = mask.take(own_columns, 1).take(own_rows, 0)
@@ -122,7 +127,8 @@ def _visible_borders(
     edges = []
     for axis, side in ((0, rgb.shape[1]), (1, rgb.shape[0])):
         first = (-0.5 - float(matrix[axis, 2])) / scale + 0.5
-        edges.append((max(first, 0.0), min(first + size[axis] / scale, float(side))))
+        last = first + size[axis] / scale
+        edges.append((max(first, 0.0), min(last, float(side))))
     (x0, x1), (y0, y1) = edges
     return x0, y0, x1, y1
 
@@ -140,9 +146,13 @@ def _lobes(rgb: U8, matrix: Array, size: Size) -> tuple[U8, Index, Index]:
     side = ceil(2 * reach - NOTHING)
     firsts = []
     for axis, length in ((0, rgb.shape[1]), (1, rgb.shape[0])):
+        # The middle lobe reaches one source pixel, or one result pixel if that is
+        # larger.
         lower_bounds = np.floor(_sources(matrix, axis, size[axis]) - reach + NOTHING)
-        firsts.append(np.clip(lower_bounds.astype(np.int64) + 1, 0, length - 1))
-    return np.ones((side, side), np.uint8), firsts[1], firsts[0]
+        first_places = lower_bounds.astype(np.int64) + 1
+        firsts.append(np.clip(first_places, 0, length - 1))
+    kernel = np.ones((side, side), np.uint8)
+    return kernel, firsts[1], firsts[0]
 
 
 STEADY = 0.2
@@ -246,6 +256,7 @@ class Shot:
 
     def _view(self, time: float) -> tuple[Point, float]:
         """Return centre, px, and zoom at a time."""
+        # The view is between the last aim before the time and the first one after it.
         following = sum(aim.time <= time for aim in self.aims)
         start = self.aims[max(following - 1, 0)]
         end = self.aims[min(following, len(self.aims) - 1)]
@@ -253,12 +264,16 @@ class Shot:
             return self._center(start, time), start.zoom
         s = (time - start.time) / (end.time - start.time)
         eased_share = s * s * (3 - 2 * s)
+        # Equal factors of the zoom look even: the logarithm is eased.
         narrowing = log(start.zoom / end.zoom)
         zoom = start.zoom * exp(-narrowing * eased_share)
         share = eased_share
         if abs(narrowing) > 1e-9:
+            # With this share the centre moves with the width, so that one point stays
+            # still.
             share = expm1(narrowing * eased_share) / expm1(narrowing)
-        (ax, ay), (bx, by) = self._center(start, time), self._center(end, time)
+        ax, ay = self._center(start, time)
+        bx, by = self._center(end, time)
         center = ax + (bx - ax) * share, ay + (by - ay) * share
         # Rounding may lead out of the photo by a bit.
         return confine_center(center, self.photo, self.video, zoom), zoom
@@ -300,7 +315,8 @@ def shot_of(scene: Scene, trajectory: Trajectory) -> Shot:
     # Seconds of video per second of motion: a hand trembles in the time of the video.
     pace = 1.0
     if len(times) > 1 and times[-1] > times[0]:
-        pace = (len(times) - 1) / float(times[-1] - times[0]) / scene.render.fps
+        rate = (len(times) - 1) / float(times[-1] - times[0])
+        pace = rate / scene.render.fps
     handheld = scene.render.handheld
     return Shot(photo, video, times, tuple(aims), order, handheld, pace)
 
@@ -340,10 +356,8 @@ def film_frames(
             rgb = resample_picture(frame.rgb, matrix, shot.video)
         # Ids, covers and layers are resampled only if someone reads them.
         view = frame, matrix, shot.video
-        load_ids, load_covers = (
-            partial(_sample_visible_ids, *view),
-            partial(_covering, *view),
-        )
+        load_ids = partial(_sample_visible_ids, *view)
+        load_covers = partial(_covering, *view)
         load_layers = None
         if frame.layering is not None:
             load_layers = partial(_layers_seen, frame.layering, matrix, shot.video)
@@ -533,7 +547,8 @@ def ways_seen(trajectory: Trajectory, shot: Shot, parts: int) -> Array:
     poses = trajectory.poses
     views = np.array(list(map(shot.affine, trajectory.times.tolist())))
     last = np.arange(len(poses)) // parts * parts + parts - 1
-    own_views, last_views = views[:, None], views[last][:, None]
+    own_views = views[:, None]
+    last_views = views[last][:, None]
     in_video = poses[..., :2] * own_views[..., 0, :1] + own_views[..., 2]
     places = (in_video - last_views[..., 2]) / last_views[..., 0, :1]
     return np.where(poses == poses[last], poses, np.dstack([places, poses[..., 2]]))
@@ -567,7 +582,8 @@ def _mean_layers(frames: Sequence[Frame]) -> Layers:
     """Return the mean of the layers of an exposure."""
     parts = [frame.layering() for frame in frames if frame.layering is not None]
     last = parts[-1]
-    plate, background = np.zeros_like(last.plate), np.zeros_like(last.plate)
+    plate = np.zeros_like(last.plate)
+    background = np.zeros_like(last.plate)
     means = {}
     for body in last.order:
         means[body] = np.zeros((*plate.shape[:2], 4), np.float32)

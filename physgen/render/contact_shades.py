@@ -50,10 +50,12 @@ def _with_contact_shade(
     assert cast.picture is not None
     box, shade = cast.picture
     colours = shade[..., None] * background.tint
-    is_measured = np.zeros(shade.shape, np.bool_)
-    if foot_halo is not None and foot_halo.weight is not None:
-        box, colours, is_measured = _measured_shade(cast.picture, foot_halo, background)
-    parts = split_contact_shade(cast.start, box, colours, is_measured)
+    measured_mask = np.zeros(shade.shape, np.bool_)
+    if foot_halo is not None and foot_halo.darkness is not None:
+        box, colours, measured_mask = _measured_shade(
+            cast.picture, foot_halo, background
+        )
+    parts = split_contact_shade(cast.start, box, colours, measured_mask)
     if parts is None:
         return cast
     contact, rest = parts
@@ -71,20 +73,21 @@ def _measured_shade(
 
     `shadow`: the shade without that of the foot halo.
     """
-    weight, darkness = foot_halo.weight, foot_halo.darkness
-    assert weight is not None
-    assert darkness is not None
-    (x, y), (height, width) = foot_halo.corner, weight.shape
+    assert foot_halo.darkness is not None
+    weight = foot_halo.weight[..., None]
+    (x, y), (height, width) = foot_halo.corner, weight.shape[:2]
     halo_box = (x, y, x + width, y + height)
-    box, shade = joined_pictures([shadow, (halo_box, np.zeros_like(weight))])
+    empty_shade = np.zeros((height, width), np.float32)
+    box, shade = joined_pictures([shadow, (halo_box, empty_shade)])
     window = np.s_[y - box[1] : y - box[1] + height, x - box[0] : x - box[0] + width]
     others = background.total[y : y + height, x : x + width] - shade[window]
+    other_colours = others[..., None] * background.tint
     colours = shade[..., None] * background.tint
-    own_darkness = np.maximum(darkness - others[..., None] * background.tint, 0)
-    colours[window] += weight[..., None] * (own_darkness - colours[window])
-    is_measured = np.zeros(shade.shape, np.bool_)
-    is_measured[window] = weight > MEASURED_WEIGHT
-    return box, np.asarray(colours, np.float32), is_measured
+    own_darkness = np.maximum(foot_halo.darkness - other_colours, 0)
+    colours[window] += weight * (own_darkness - colours[window])
+    measured_mask = np.zeros(shade.shape, np.bool_)
+    measured_mask[window] = foot_halo.weight > MEASURED_WEIGHT
+    return box, np.asarray(colours, np.float32), measured_mask
 
 
 MEASURED_WEIGHT = 0.5

@@ -137,7 +137,8 @@ def find_impacts(world: World, motion: Trajectory, span: float) -> list[Impact]:
 def _sum_pushes(motion: Trajectory, span: float) -> _Pushes:
     """Sum the impulses of a clip by pairs of surfaces and spans of time."""
     contacts = motion.contacts
-    rows, surfaces = contacts.impulse_rows.astype(np.int64), len(contacts.surfaces)
+    rows = contacts.impulse_rows.astype(np.int64)
+    surfaces = len(contacts.surfaces)
     ends = np.ceil(motion.times[rows[:, 0]] / span - 1e-9).astype(np.int64)
     spans = np.maximum(ends - 1, 0)
     # Leave unused numbers after the last span, so that keys of two pairs are never
@@ -197,7 +198,8 @@ def _impact(
     if gap_before < gap - IMPACT.slack:
         sample, points = previous_sample, points_before
     direction = pushes.impulses[k] / pushes.sizes[k]
-    time, place = float(motion.times[sample]), points.mean(axis=0)
+    time = float(motion.times[sample])
+    place = points.mean(axis=0)
     return Impact(time, place, size, direction, (first, second))
 
 
@@ -212,7 +214,8 @@ def _stir(
 
     It includes the speed of the rim by rotation.
     """
-    bodies, samples = len(world.bodies), len(motion.times)
+    bodies = len(world.bodies)
+    samples = len(motion.times)
     # Compare the samples just before and just after the span of the contact.
     samples_before = np.searchsorted(motion.times, starts + 1e-9) - 1
     samples_before = np.maximum(samples_before, 0)
@@ -241,14 +244,16 @@ def contact_points_between(
     One or two points (K, 2) px; two are the ends of faces in contact. Surfaces are
     counted as in `World.surfaces`.
     """
-    circle, other_circle = _circle(world, poses, first), _circle(world, poses, second)
+    circle = _circle(world, poses, first)
+    other_circle = _circle(world, poses, second)
     if circle is not None and other_circle is not None:
         return _between_circles(*circle, *other_circle)
     if circle is not None:
         return _below_circle(*circle, _edges(world, poses, second))
     if other_circle is not None:
         return _below_circle(*other_circle, _edges(world, poses, first))
-    edges, other_edges = _edges(world, poses, first), _edges(world, poses, second)
+    edges = _edges(world, poses, first)
+    other_edges = _edges(world, poses, second)
     # The nearest points of two polygons include at least one corner.
     candidates = [
         _nearest(edges[:, 0], other_edges),
@@ -307,7 +312,8 @@ def _nearest(points: Array, edges: Array) -> tuple[Array, Array]:
     """Return the nearest places (P E, 2) px on edges to points, and the distances (P
     E,).
     """
-    start, edge_vectors = edges[:, 0], edges[:, 1] - edges[:, 0]
+    start = edges[:, 0]
+    edge_vectors = edges[:, 1] - edges[:, 0]
     offset = points[:, None] - start
     length_squared = np.maximum((edge_vectors**2).sum(axis=-1), 1e-12)
     share = np.clip((offset * edge_vectors).sum(axis=-1) / length_squared, 0.0, 1.0)

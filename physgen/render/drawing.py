@@ -82,11 +82,9 @@ class Layer:
         """Draw a filled outline (K, 2) px."""
         if np.abs(points).max() >= FARTHEST:
             return
-        corners, level, kind = (
-            [_to_fixed_point(points)],
-            round(255 * strength),
-            cv2.LINE_AA,
-        )
+        corners = [_to_fixed_point(points)]
+        level = round(255 * strength)
+        kind = cv2.LINE_AA
         cv2.fillPoly(self._ink, corners, level, kind, BITS)
         cv2.fillPoly(self._dark, corners, level, kind, BITS)
         if self._casing:
@@ -135,7 +133,8 @@ class Layer:
         if not width:
             return None
         x0, y0 = x // FINE, y // FINE
-        x1, y1 = -(-(x + width) // FINE), -(-(y + height) // FINE)
+        x1 = -(-(x + width) // FINE)
+        y1 = -(-(y + height) // FINE)
         return (x0, y0), (x1 - x0, y1 - y0)
 
 
@@ -151,7 +150,8 @@ def _reduce(mask: U8, corner: tuple[int, int], size: tuple[int, int]) -> U8:
 def _stamp(mask: U8, letters: U8, left: int, top: int) -> None:
     """Add letters (h, w) to a mask (H, W) at a place that may lie partly outside."""
     height, width = letters.shape
-    x0, y0 = max(left, 0), max(top, 0)
+    x0 = max(left, 0)
+    y0 = max(top, 0)
     canvas = mask[y0 : max(top + height, 0), x0 : max(left + width, 0)]
     part = letters[y0 - top :, x0 - left :][: canvas.shape[0], : canvas.shape[1]]
     np.maximum(canvas, part, out=canvas)
@@ -167,11 +167,10 @@ def text_masks(text: str, size: int, casing: int) -> tuple[U8, U8, tuple[float, 
 
     font = ImageFont.load_default(size)
     left, _, right, _ = font.getbbox(text, anchor="ls")
-    ascent, descent = ceil(0.95 * size), ceil(0.3 * size)
-    width, height = (
-        ceil(right - left) + 2 * casing + 2,
-        ascent + descent + 2 * casing + 2,
-    )
+    ascent = ceil(0.95 * size)
+    descent = ceil(0.3 * size)
+    width = ceil(right - left) + 2 * casing + 2
+    height = ascent + descent + 2 * casing + 2
     start = (casing + 1 - left, casing + 1 + ascent)
     masks = []
     for stroke in (0, casing):
@@ -224,7 +223,8 @@ def arrow(tail: Array, tip: Array, width: float) -> Array:
     point = head(tip, vector, min(HEAD * width, 0.62 * length))
     root = (point[0] + point[2]) / 2
     neck = root + 0.1 * (tip - root)  # barbs point back a little
-    half_width = min(width / 2, 0.15 * float(np.hypot(*(point[2] - point[0])))) * normal
+    head_width = float(np.hypot(*(point[2] - point[0])))
+    half_width = min(width / 2, 0.15 * head_width) * normal
     return np.array(
         [
             tail + half_width,

@@ -63,6 +63,8 @@ def enlarged_world(
     """
 
     def enlarge(points: Array) -> Array:
+        # Pixel centres are at whole numbers, and the scale is about the picture's
+        # corner.
         return (points + 0.5) * scale - 0.5
 
     def enlarge_body(body: Body) -> Body:

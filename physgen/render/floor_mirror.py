@@ -82,11 +82,9 @@ def _add_reflection(
     """Add the products of the upside-down sprite and the photo below its foot,
     by row.
     """
-    left, first_row, last_row = (
-        sprite.corner[0] + MARGIN,
-        foot + 1,
-        foot - sprite.corner[1],
-    )
+    left = sprite.corner[0] + MARGIN
+    first_row = foot + 1
+    last_row = foot - sprite.corner[1]
     flipped_sprite = sprite.light[last_row::-1, MARGIN:-MARGIN][: MIRROR.rows]
     height, width = flipped_sprite.shape[:2]
     place = np.s_[first_row : first_row + height, left : left + width]

@@ -71,7 +71,8 @@ def _level_span(segment: Array, level: Sequence[Array]) -> tuple[float, float]:
     # Forwards and backwards, so that the span grows on both sides.
     for start, end in (*spans, *reversed(spans)):
         if start <= right + FLOOR.gap and end >= left - FLOOR.gap:
-            left, right = min(left, start), max(right, end)
+            left = min(left, start)
+            right = max(right, end)
     return left, right
 
 

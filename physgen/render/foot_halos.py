@@ -71,12 +71,11 @@ class FootHalo:
     """Columns of both ends of the floor, px."""
     side: float
     """Smaller side of the object, px."""
-    weight: F32 | None = None
-    """Share of the pixels (h, w) that belongs to the object, 0..1; None of a mirror
-    image."""
+    weight: F32
+    """Share of the pixels (h, w) that belongs to the object, 0..1."""
     darkness: F32 | None = None
     """-log of the share of full light in the photo, (h, w, 3): that of `shade` and of
-    drawn shadows."""
+    drawn shadows; None of a mirror image."""
 
     def draw(
         self,

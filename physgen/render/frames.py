@@ -262,6 +262,10 @@ class ExposureTuning:
 
 
 EXPOSURE = ExposureTuning()
+GREEN = 1
+"""Channel that stands for the brightness of shade."""
+LEAST_FACTOR = np.float32(1e-3)
+"""Smallest share of light with a finite darkness."""
 
 
 def render_frames(
@@ -587,10 +591,25 @@ class _Shadows:
                 picture.factor = factor
                 picture.light = picture.light * three_channels(factor)
 
+    def _darkness_with_contacts(self, darkness: F32, box: Slices) -> F32:
+        """Return the darkness (h, w) of a box with the shade at bases."""
+        result = darkness[box]
+        for contact in self.contacts.values():
+            overlap = _overlap(box, contact.box)
+            if overlap is None:
+                continue
+            part, contact_part = overlap
+            if result.base is not None:
+                result = result.copy()
+            factor = contact.factor[contact_part][..., GREEN]
+            result[part] -= cv2.log(np.maximum(factor, LEAST_FACTOR))
+        return result
+
     def add_border(self, canvas: F32, box: Slices, rest: F32) -> None:
         """Add the photo's light beside an object, (h, w, 3), in the present light."""
         if self._dark is not None and self._lit is not None:
-            rest = relit_border(rest, self._lit, self._dark, box)
+            darkness = self._darkness_with_contacts(self._dark, box)
+            rest = relit_border(rest, self._lit, darkness, box)
         canvas[box] += rest
 
 

@@ -159,7 +159,8 @@ def _curve(points: Sequence[tuple[F32, F32]]) -> F32:
     columns = []
     for channel in range(3):
         order = np.argsort(levels[:, channel])
-        x, y = levels[order, channel], deviations[order, channel]
+        x = levels[order, channel]
+        y = deviations[order, channel]
         columns.append(np.interp(all_levels, x, np.minimum(y, limits[channel])))
     return np.stack(columns, axis=1).astype(np.float32)
 

@@ -85,10 +85,15 @@ def _add_moving_halos(
         share = (part.weight / total_weight[part.box])[..., None]
         whole_shade = total_shade[part.box]
         shade = np.asarray(share * whole_shade, np.float32)
-        foot_halo = FootHalo(part.corner, part.light, shade, starts[k].ends, part.side)
-        if part.darkness is not None:
-            weight = np.asarray(share[..., 0] * part.weight, np.float32)
-            foot_halo = replace(foot_halo, weight=weight, darkness=part.darkness)
+        foot_halo = FootHalo(
+            part.corner,
+            part.light,
+            shade,
+            starts[k].ends,
+            part.side,
+            np.asarray(share[..., 0] * part.weight, np.float32),
+            part.darkness,
+        )
         # The halo keeps what shade and light do not explain: frame 0 is the photo.
         removed_light = background[part.box] * (1 - np.exp(-whole_shade)) * share
         corner, whole_halo, neighbours = sprite_halo
@@ -156,20 +161,38 @@ def _moving_part(
     window = _window_of(weight > LEAST, math.ceil(BLUR_REACH * sigma))
     if window is None:
         return None
-    corner = x + window[1].start, y + window[0].start
-    weight = np.asarray(weight[window], np.float32)
+    moving = _Moving(
+        corner=(x + window[1].start, y + window[0].start),
+        window=window,
+        light=np.zeros_like(halo[window]),
+        weight=np.asarray(weight[window], np.float32),
+        shade=np.zeros_like(halo[window]),
+        side=side,
+    )
     blur = _GroundBlur(sprite.halo_reach[window], sigma)
-    light, shade = np.zeros_like(halo[window]), np.zeros_like(halo[window])
-    darkness = None
     if is_mirror:
-        light = _carried_light(halo[window], near[window], blur) * weight[..., None]
-    else:
-        box = _box_at(corner, weight)
-        ground = _Ground(ground.background[box], ground.plate[box])
-        seen_light, full_light = _blurred_lights(halo[window], ground, blur)
-        darkness = _channel_darkness(seen_light, full_light)
-        shade = _carried_shade(seen_light, full_light, ground) * weight[..., None]
-    return _Moving(corner, window, light, weight, shade, side, darkness)
+        light = _carried_light(halo[window], near[window], blur)
+        return replace(moving, light=light * moving.weight[..., None])
+    return _with_shade(moving, halo[window], ground, blur)
+
+
+def _with_shade(
+    moving: _Moving, halo: F32, ground: _Ground, blur: _GroundBlur
+) -> _Moving:
+    """Return the moving light of a halo (h, w, 3) with the shade of its ground."""
+    ground = _Ground(ground.background[moving.box], ground.plate[moving.box])
+    photo = ground.background + halo
+    smooth_photo, smooth_plate = blur.blur_below(photo), blur.blur_below(ground.plate)
+    # Detail that is dark all over is a rim that the mask lacks; other detail is the
+    # grain of the ground. Under the soft border of the object, the halo is empty and
+    # would leave a bright line: the shade beside it continues there.
+    share = (_rim_share(halo, blur) * blur.known)[..., None]
+    seen_light = share * photo + (1 - share) * smooth_photo
+    full_light = share * ground.plate + (1 - share) * smooth_plate
+    shade = _carried_shade(seen_light, full_light, ground) * moving.weight[..., None]
+    # The rim of an object is no shade of its floor.
+    darkness = _channel_darkness(smooth_photo, smooth_plate)
+    return replace(moving, shade=shade, darkness=darkness)
 
 
 def _floor_columns(left: int, width: int, ends: tuple[float, float]) -> Mask:
@@ -225,20 +248,6 @@ class _GroundBlur:
         known_picture = picture * self.known[..., None]
         blurred_picture = cv2.GaussianBlur(known_picture, (0, 0), self.sigma)
         return np.asarray(blurred_picture * self.gain[..., None], np.float32)
-
-
-def _blurred_lights(halo: F32, ground: _Ground, blur: _GroundBlur) -> tuple[F32, F32]:
-    """Return the light of the photo and of its ground in full light, (h, w, 3), both
-    without the grain of the ground.
-    """
-    photo = ground.background + halo
-    # Detail that is dark all over is a rim that the mask lacks; other detail is the
-    # grain of the ground. Under the soft border of the object, the halo is empty and
-    # would leave a bright line: the shade beside it continues there.
-    share = (_rim_share(halo, blur) * blur.known)[..., None]
-    seen_light = share * photo + (1 - share) * blur.blur_below(photo)
-    full_light = share * ground.plate + (1 - share) * blur.blur_below(ground.plate)
-    return seen_light, full_light
 
 
 def _carried_shade(seen_light: F32, full_light: F32, ground: _Ground) -> F32:

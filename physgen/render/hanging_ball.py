@@ -60,7 +60,9 @@ def _foot(ball: Sprite, thread: Sprite, body: Body) -> Mask:
     x = columns + ball.corner[0] - body.center[0]
     y = rows + ball.corner[1] - body.center[1]
     distance = np.hypot(x, y)
-    inner, outer = radius + CUT.clean_depth + 1, (1 + EYELET) * radius
+    inner = radius + CUT.clean_depth + 1
+    outer = (1 + EYELET) * radius
+    # The thread just above the ball shows where its foot is.
     foot = thread.coverage * ((distance > inner) & (distance < outer))
     direction = np.array([(x * foot).sum(), (y * foot).sum()], np.float64)
     length = float(np.hypot(*direction))

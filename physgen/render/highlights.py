@@ -77,11 +77,13 @@ def shared_highlights(discs: Sequence[DiscPicture]) -> list[F32]:
     if len(discs) < SHINE.discs:
         return []
     excess = list(map(_excess, discs))
+    # In the discs' own frames, paint turns with each disc, and a highlight does not.
     masks = []
     for disc, shine in zip(discs, excess, strict=True):
         masks.append(_unroll(_is_highlight(disc, shine), disc))
     if not _turned_differently(discs):
         return []
+    # Bright pixels at the same place on most discs are light.
     is_shared = np.mean(list(map(_spread, masks)), axis=0) >= SHINE.common
     highlights = []
     for disc, mask, shine in zip(discs, masks, excess, strict=True):
@@ -144,8 +146,10 @@ def _unroll(picture: F32 | Mask, disc: DiscPicture) -> F32:
     """Return a picture (h, w) on `RINGS` rings, (rings, angles)."""
     angle = np.arange(SHINE.angles) * (2 * pi / SHINE.angles)
     distance = (np.arange(RINGS)[:, None] + 0.5) * (disc.radius / RINGS)
-    x = (distance * np.cos(angle) + disc.center[0]).astype(np.float32)
-    y = (distance * np.sin(angle) + disc.center[1]).astype(np.float32)
+    offset_x = distance * np.cos(angle)
+    offset_y = distance * np.sin(angle)
+    x = (offset_x + disc.center[0]).astype(np.float32)
+    y = (offset_y + disc.center[1]).astype(np.float32)
     values = cv2.remap(picture.astype(np.float32), x, y, cv2.INTER_LINEAR)
     return np.asarray(values, np.float32)
 
@@ -163,7 +167,8 @@ def _spread(mask: F32) -> Mask:
 def _roll(rings: F32, disc: DiscPicture) -> F32:
     """Return (rings, angles) as a picture (h, w) with soft borders."""
     rows, columns = np.indices(disc.mask.shape, np.float32)
-    x, y = columns - disc.center[0], rows - disc.center[1]
+    x = columns - disc.center[0]
+    y = rows - disc.center[1]
     ring = np.hypot(x, y) * np.float32(RINGS / disc.radius) - np.float32(0.5)
     turn = np.arctan2(y, x) % np.float32(2 * pi)
     angle = turn * np.float32(SHINE.angles / (2 * pi))

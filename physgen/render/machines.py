@@ -68,7 +68,8 @@ def field_lines(world: World, poses: Array, time: float) -> Iterator[Array]:
                     direction = field.velocity / np.hypot(*field.velocity)
                     yield from _arrow(middle, direction)
             case FieldKind.TURNTABLE:
-                radius, angle = field.extent[0], field.spin * time
+                radius = field.extent[0]
+                angle = field.spin * time
                 yield circle(field.vector, radius)
                 rim = radius * np.array([np.cos(angle), np.sin(angle)])
                 yield np.stack([field.vector, field.vector + rim])

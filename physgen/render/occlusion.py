@@ -248,7 +248,8 @@ def _ball_surface(
     assert receiver.radius is not None
     lx, ly, lz = (np.float32(part) for part in setting.light.direction)
     cx, cy, radius = (np.float32(part) for part in (*receiver.center, receiver.radius))
-    u, v = (x - cx) / radius, (y - cy) / radius
+    u = (x - cx) / radius
+    v = (y - cy) / radius
     z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
     viewer_distance = np.float32(middle(receiver, setting.top)) + radius * z
     light_cosine = np.maximum(u * lx + v * ly + z * lz, 0)
@@ -479,9 +480,10 @@ def relit_border(
 ) -> F32:
     """Return the rest of a border (h, w, 3) in the present light of the background.
 
-    Without it, a border would be black in a passing shadow.
+    `darkness` (h, w) of the box. Without it, a border would be black in a passing
+    shadow.
     """
-    difference = background.total[box] - darkness[box]
+    difference = background.total[box] - darkness
     if not difference.any():
         return rest
     gain = three_channels(np.asarray(cv2.exp(np.minimum(difference, 1)), np.float32))
@@ -505,6 +507,7 @@ def occlusion_factors(
     )
     if not has_moved.any():
         return {}
+    # Only objects with a changed surrounding need a new veil, since veils are costly.
     visible_figures = [figures[stand.k] for stand in stands]
     blockers = occluders(visible_figures, setting)
     changed_indices = _changed_veils(stage, stands, has_moved, blockers)

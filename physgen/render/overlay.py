@@ -132,7 +132,8 @@ def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
 
     Small pictures get no key.
     """
-    letter, side = sheet.letter, STYLE.side * sheet.letter
+    letter = sheet.letter
+    side = STYLE.side * sheet.letter
     row = STYLE.row * letter
     column = max(_sample_width(entry, sheet) for entry in entries)
     text = max(text_width(entry.text, letter) for entry in entries)
@@ -177,6 +178,8 @@ def _sample_width(entry: Entry, sheet: Sheet) -> float:
 
 def _sample(layer: Layer, sheet: Sheet, entry: Entry, corner: Array) -> None:
     """Draw a sample with its left end and its middle height `corner` x, y px."""
+    # Each kind of mark is drawn as on the objects, so that the legend shows the same
+    # shapes.
     vector = np.array([_sample_width(entry, sheet), 0.0])
     if entry.kind is Overlay.CONTACTS:
         ring(layer, corner + vector / 2, entry.size * sheet.unit, sheet.pen)
@@ -232,10 +235,12 @@ def annotate_frames(
     clip = describe_clip(world, trajectory, kinds)
     for frame in frames:
         rgb = frame.rgb.copy()
-        times, size = clip.motion.times, (rgb.shape[1], rgb.shape[0])
+        times = clip.motion.times
+        size = (rgb.shape[1], rgb.shape[0])
         # Frames may come in any order: find each frame's sample by its time.
         sample = int(np.abs(times - frame.time).argmin()) if len(times) else 0
-        pen, matrix = max(size) / max(world.size), np.asarray(lens(frame), np.float64)
+        pen = max(size) / max(world.size)
+        matrix = np.asarray(lens(frame), np.float64)
         sheet = Sheet(size, pen, matrix, frame.time, sample)
         for kind in (kind for kind in DRAW if kind in kinds):
             layer = sheet.layer()
@@ -393,7 +398,8 @@ def _arrow(
     """Draw an arrow from a point (2,) of the photo; `way` (2,) is its vector, px of the
     photo.
     """
-    tail, frame_vector = sheet.to_frame(start), sheet.way(way)
+    tail = sheet.to_frame(start)
+    frame_vector = sheet.way(way)
     if np.hypot(*frame_vector) >= STYLE.least_length:
         straight_arrow(
             layer, tail, tail + frame_vector, sheet.pen, strength, has_impact=has_impact
@@ -412,8 +418,10 @@ def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
 
     The area of a ring is proportional to the impulse.
     """
-    contacts, present = clip.motion.contacts, sheet.time + 1e-9
-    starts, ends = contacts.touch_times[:, 0], contacts.touch_times[:, 1]
+    contacts = clip.motion.contacts
+    present = sheet.time + 1e-9
+    starts = contacts.touch_times[:, 0]
+    ends = contacts.touch_times[:, 1]
     is_touching = (starts <= present) & (ends >= sheet.time)
     poses = _poses(clip, sheet)
     for first, second in contacts.touch_pairs[is_touching].tolist():

@@ -54,6 +54,7 @@ def add_edge_relief(sprite: Sprite, light: DistantLight) -> Sprite:
     solid = (sprite.coverage >= 1).astype(np.uint8)
     if sprite.sides is not None:
         solid[: ceil(sprite.sides.first)] = 0
+    # The depth below the outline gives the rings of an edge.
     padded_depth = cv2.distanceTransform(np.pad(solid, 1), cv2.DIST_L2, 5)
     depth = np.asarray(padded_depth[1:-1, 1:-1], np.float32)
     has_inside = (depth > 2 * CUT.rim).any()
@@ -72,8 +73,10 @@ def add_edge_relief(sprite: Sprite, light: DistantLight) -> Sprite:
 
 def _project_gain(gain: F32, normal: F32) -> tuple[F32, F32]:
     """Return the parts (h, w) of a gain (h, w, 2) along the normals and across them."""
-    x, y = normal[..., 0], normal[..., 1]
-    gain_x, gain_y = gain[..., 0], gain[..., 1]
+    x = normal[..., 0]
+    y = normal[..., 1]
+    gain_x = gain[..., 0]
+    gain_y = gain[..., 1]
     return gain_x * x + gain_y * y, gain_x * y - gain_y * x
 
 
@@ -103,7 +106,8 @@ def _edge_light(sprite: Sprite, depth: F32) -> F32:
     inner = (depth > CUT.rim).astype(np.float32)
     face_light = cv2.GaussianBlur(brightness * inner, (0, 0), CUT.outline_width)
     weight = cv2.GaussianBlur(inner, (0, 0), CUT.outline_width)
-    face_light, weight = np.maximum(face_light, 1e-4), np.maximum(weight, 1e-4)
+    face_light = np.maximum(face_light, 1e-4)
+    weight = np.maximum(weight, 1e-4)
     return np.asarray(brightness * weight / face_light - 1, np.float32)
 
 
@@ -143,7 +147,8 @@ def _build_edge_relief(light_part: F32, cross_part: F32) -> Relief:
     turn on.
     """
     model = np.maximum(1 + light_part, 1 / MOST_RELIGHTING)
-    unit_gain, zeros = np.ones_like(light_part), np.zeros_like(light_part)
+    unit_gain = np.ones_like(light_part)
+    zeros = np.zeros_like(light_part)
     return Relief(
         plane_light=np.asarray(light_part / model, np.float32),
         cross_light=np.asarray(cross_part / model, np.float32),
@@ -167,6 +172,7 @@ def add_disc_relief(sprite: Sprite, body: Body) -> Sprite:
     cosine, sine = x / distance, y / distance
     rings = np.minimum(distance, max(body.radius - 2, 0)).astype(int)
     is_known = (sprite.coverage >= 1) & (distance < body.radius)
+    # Light from one side changes once around the axis: the first harmonic of each ring.
     harmonic = _fit_ring_harmonic(sprite, rings, is_known, cosine, sine)
     mean_light, cosine_part, sine_part = [values[rings] for values in harmonic]
     mean_light = np.maximum(mean_light, CUT.least_light)

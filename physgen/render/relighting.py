@@ -92,6 +92,7 @@ def _add_sphere_skin(
     """
     assert body.radius is not None
     x, y = body.center.tolist()
+    # The sprite's light is premultiplied; the skin needs the object's own colour.
     alpha = sprite.coverage[..., None]
     own_light = sprite.light / np.maximum(alpha, 1e-3)
     colour = np.where(alpha > 1e-3, own_light, 0).astype(np.float32)
@@ -119,12 +120,14 @@ def _over_circle(
     Lumpy fruit has bays in its circle that would turn as dark spots.
     """
     rows, columns = np.indices(sprite.coverage.shape)
-    x, y = columns + sprite.corner[0], rows + sprite.corner[1]
+    x = columns + sprite.corner[0]
+    y = rows + sprite.corner[1]
     is_inside = np.hypot(x - center[0], y - center[1]) < radius
     is_open = is_inside & (sprite.coverage <= 1e-3)
     source = sprite.coverage > 0.5
     if not is_open.any() or not source.any():
         return colour
+    # Bays take the colour of the nearest pixel of the mask.
     _, seeds = cv2.distanceTransformWithLabels(
         (~source).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -145,8 +148,11 @@ def _add_relief(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
     height, width = normals.shape[:2]
     h, w = sprite.coverage.shape
     x0, y0 = sprite.corner
-    top, bottom = max(y0, 0), min(y0 + h, height)
-    left, right = max(x0, 0), min(x0 + w, width)
+    # The margin of a sprite may reach beyond the photo.
+    top = max(y0, 0)
+    bottom = min(y0 + h, height)
+    left = max(x0, 0)
+    right = min(x0 + w, width)
     box = np.s_[top - y0 : bottom - y0, left - x0 : right - x0]
     own_normals = np.zeros((h, w, 3), np.float32)
     own_normals[box] = normals[top:bottom, left:right]

@@ -176,8 +176,10 @@ def _key_rows(world: World, scale: Scales, kinds: Collection[Overlay]) -> list[_
     force_kind, force_name = Overlay.WEIGHT, "weight"
     if Overlay.FORCES in kinds and has_force:
         force_kind, force_name = Overlay.FORCES, "force"
-    velocity, force = scale.velocity * meter, scale.force * newton
-    impulse, torque = scale.impulse * newton, scale.torque * newton * meter
+    velocity = scale.velocity * meter
+    force = scale.force * newton
+    impulse = scale.impulse * newton
+    torque = scale.torque * newton * meter
     return [
         (Overlay.VELOCITY, None, "velocity", velocity, "m/s", length_limit),
         (force_kind, Load.FORCE, force_name, force, "N", length_limit),

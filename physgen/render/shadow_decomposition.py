@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.arrays import F32, Mask
+from physgen.arrays import F32, F64, Mask
 from physgen.geometry.polygon import Pose
 from physgen.geometry.shadows import (
     PixelBox,
@@ -475,16 +475,16 @@ def _photo_share(cast: CastShadow, start: Pose, pose: Pose) -> np.float32:
     return np.float32(share if share > LEAST_STRENGTH else 0)
 
 
-def _raise_to(values: F32, box: PixelBox, least: F32, least_box: PixelBox) -> None:
+def _raise_to(values: F32, box: PixelBox, limits: F32, limit_box: PixelBox) -> None:
     """Raise values (h, w) in a box to at least those of another box, in place."""
-    x0, y0 = max(box[0], least_box[0]), max(box[1], least_box[1])
-    x1, y1 = min(box[2], least_box[2]), min(box[3], least_box[3])
+    x0, y0 = max(box[0], limit_box[0]), max(box[1], limit_box[1])
+    x1, y1 = min(box[2], limit_box[2]), min(box[3], limit_box[3])
     if x0 >= x1 or y0 >= y1:
         return
     part = values[y0 - box[1] : y1 - box[1], x0 - box[0] : x1 - box[0]]
-    x0, x1 = x0 - least_box[0], x1 - least_box[0]
-    y0, y1 = y0 - least_box[1], y1 - least_box[1]
-    np.maximum(part, least[y0:y1, x0:x1], out=part)
+    x0, x1 = x0 - limit_box[0], x1 - limit_box[0]
+    y0, y1 = y0 - limit_box[1], y1 - limit_box[1]
+    np.maximum(part, limits[y0:y1, x0:x1], out=part)
 
 
 def _departure(silhouette: Silhouette, start: Pose, pose: Pose) -> np.float32:
@@ -614,40 +614,95 @@ def decompose_shadows(
     about shadows near objects. Also returns the darkness (H, W), -log of light, by the
     shadows of `ghosts`; None without such objects.
     """
-    light = decode(background)
     if clean_background is None:
+        light = decode(background)
         return _keep_old_shadows(light, starts, rounds, setting), None
-    clean_light = decode(clean_background)
-    darkness = _log(luminance(clean_light)) - _log(luminance(light))
-    np.clip(darkness, -0.5, SHADOW.deepest, out=darkness)
-    is_open = _open_background(coverage)
+    open_mask = _open_background(coverage)
     if is_changed is not None:
-        is_open &= ~is_changed
-    all_figures = [*starts, *ghosts]
-    steps = list(map(shadow_grid_step, all_figures))
+        open_mask &= ~is_changed
+    photo = _ShadowPhoto.measure(background, clean_background, open_mask)
+    shape = photo.darkness.shape
+    division = _divide_darkness(photo, [*starts, *ghosts], rounds, setting)
+    casts = division.casts[: len(starts)]
+    ghost_casts = division.casts[len(starts) :]
+    total = _sum_of_shadows(casts, shape)
+    ghost_shadows = _sum_of_shadows(ghost_casts, shape)
+    # The plate is also without the shadows of ghosts, which return as darkness.
+    plate, tint = photo.plate(total + ghost_shadows, division.claimed_area)
+    result = LitBackground(
+        division.setting, plate, tint, total, _leaning(casts), division.owner
+    )
+    return result, ghost_shadows if ghosts else None
+
+
+@dataclass(frozen=True)
+class _Division:
+    """The darkness of a photo, divided among objects."""
+
+    setting: ShadowSetting
+    """With the depth of the photo's shadows."""
+    casts: list[CastShadow]
+    claimed_area: F32
+    """(H, W): sum of the objects' claims."""
+    owner: NDArray[np.int32]
+    """(H, W): 1 + the index of the object with the largest claim; 0 without one."""
+
+
+def _divide_darkness(
+    photo: _ShadowPhoto,
+    figures: Sequence[Silhouette],
+    rounds: Sequence[bool],
+    setting: ShadowSetting,
+) -> _Division:
+    """Return the shadows of all objects; objects beyond `rounds` do not roll."""
+    steps = list(map(shadow_grid_step, figures))
     # Geometry predicts the shape of shadows; the photo tells their depth.
     setting, firsts, total = _matched_shadows(
-        all_figures, steps, setting, darkness, is_open
+        figures, steps, setting, photo.darkness, photo.is_open
     )
-    difference = _compare_darkness(darkness, total, is_open)
+    difference = _compare_darkness(photo.darkness, total, photo.is_open)
     # Assign the unexplained darkness to the objects with the largest claims.
-    claims = _claims(all_figures, firsts, setting.size)
-    claimed_area, owner = _sum_claims(claims, darkness.shape)
-    all_casts = []
-    all_rounds = [*rounds, *(False for _ in ghosts)]
-    for k, start in enumerate(all_figures):
+    claims = _claims(figures, firsts, setting.size)
+    claimed_area, owner = _sum_claims(claims, photo.darkness.shape)
+    casts = []
+    for k, start in enumerate(figures):
         own_shadow = _claimed_darkness(difference, claims[k], claimed_area, firsts[k])
-        all_casts.append(
-            _cast(start, steps[k], firsts[k], own_shadow, all_rounds[k], setting)
-        )
-    casts, ghost_casts = all_casts[: len(starts)], all_casts[len(starts) :]
-    total = _sum_of_shadows(casts, darkness.shape)
-    ghost_shadows = _sum_of_shadows(ghost_casts, darkness.shape)
-    tint = _tint(light, clean_light, darkness, is_open)
-    share = _clean_share(claimed_area, is_open)
-    plate = _plate(light, clean_light, (total + ghost_shadows), tint, share)
-    result = LitBackground(setting, plate, tint, total, _leaning(casts), owner)
-    return result, ghost_shadows if ghosts else None
+        is_round = k < len(rounds) and rounds[k]
+        casts.append(_cast(start, steps[k], firsts[k], own_shadow, is_round, setting))
+    return _Division(setting, casts, claimed_area, owner)
+
+
+@dataclass(frozen=True)
+class _ShadowPhoto:
+    """A background with shadows and the same background without them."""
+
+    light: F32
+    """(H, W, 3) linear."""
+    clean_light: F32
+    """(H, W, 3) linear, without shadows."""
+    darkness: F32
+    """(H, W): -log of the share of light in shadows."""
+    is_open: Mask
+    """(H, W): pixels with reliable darkness."""
+
+    @staticmethod
+    def measure(background: U8, clean_background: U8, open_mask: Mask) -> _ShadowPhoto:
+        """Measure the darkness of shadows between two backgrounds (H, W, 3) sRGB.
+
+        `open_mask` (H, W): pixels with reliable darkness.
+        """
+        light = decode(background)
+        clean_light = decode(clean_background)
+        darkness = _log(luminance(clean_light)) - _log(luminance(light))
+        np.clip(darkness, -0.5, SHADOW.deepest, out=darkness)
+        return _ShadowPhoto(light, clean_light, darkness, open_mask)
+
+    def plate(self, shadows: F32, claimed_area: F32) -> tuple[F32, F32]:
+        """Return the background without `shadows` (H, W), and their tint (3,)."""
+        tint = _tint(self.light, self.clean_light, self.darkness, self.is_open)
+        share = _clean_share(claimed_area, self.is_open)
+        plate = _plate(self.light, self.clean_light, shadows, tint, share)
+        return plate, tint
 
 
 def _keep_old_shadows(
@@ -850,21 +905,31 @@ def _leaning(casts: list[CastShadow]) -> list[CastShadow]:
         masses.append(mass)
     if len(masses) < SHADOW.shadows:
         return casts
-    place = np.array(places) - np.average(places, axis=0, weights=masses)
-    offset = np.array(offsets) - np.average(offsets, axis=0, weights=masses)
-    weight = np.array(masses)[:, None]
-    # Weighted regression of the offsets on the places: under a near lamp, shadows point
-    # away from it, and the farther the longer.
-    spread = float((weight * place**2).sum())
-    slope = float((weight * place * offset).sum()) / max(spread, 1e-9)
-    variance = max(float((weight * offset**2).sum()), 1e-9)
-    if slope <= 0 or slope**2 * spread / variance < SHADOW.lean_variance:
+    slope = _offset_slope(np.array(places), np.array(offsets), np.array(masses))
+    if slope is None:
         return casts
     leaning = []
     for cast in casts:
         lean = min(SHADOW.lamp * slope * cast.start.thickness, SHADOW.leans)
         leaning.append(replace(cast, lean=lean))
     return leaning
+
+
+def _offset_slope(places: F64, offsets: F64, masses: F64) -> float | None:
+    """Return the change of shadows' offsets (n, 2) with their places (n, 2) by weighted
+    regression; None if places do not explain offsets.
+
+    Under a near lamp, shadows point away from it, and the farther the longer.
+    """
+    place = places - np.average(places, axis=0, weights=masses)
+    offset = offsets - np.average(offsets, axis=0, weights=masses)
+    weight = masses[:, None]
+    spread = float((weight * place**2).sum())
+    slope = float((weight * place * offset).sum()) / max(spread, 1e-9)
+    variance = max(float((weight * offset**2).sum()), 1e-9)
+    if slope <= 0 or slope**2 * spread / variance < SHADOW.lean_variance:
+        return None
+    return slope
 
 
 def unbounded_shadow(
@@ -948,8 +1013,7 @@ def _claims(
     for start, shadow in zip(starts, firsts, strict=True):
         reach = SHADOW.claim_reach * min(start.coverage.shape) + 4
         box = _claim_box(start, shadow, ceil(2 * reach), size)
-        x0, y0, x1, y1 = box
-        if x1 <= x0 or y1 <= y0:
+        if box[2] <= box[0] or box[3] <= box[1]:
             claims.append(((0, 0, 0, 0), np.zeros((0, 0), np.float32)))
             continue
         is_outside = (moved_silhouette(start, box, 0, 0, 0) <= 0.5).astype(np.uint8)
@@ -958,12 +1022,19 @@ def _claims(
         distance = np.minimum(distance, FAR)
         claim = np.exp(-((distance / reach) ** 2)).astype(np.float32)
         if shadow is not None:
-            (left, top, right, bottom), darkness = shadow
-            shadow_picture = np.zeros_like(claim)
-            shadow_picture[top - y0 : bottom - y0, left - x0 : right - x0] = darkness
+            shadow_picture = _picture_in_box(shadow, box)
             claim += 4 * shadow_picture + 4 * blurred(shadow_picture, 0.6 * reach)
         claims.append((box, claim))
     return claims
+
+
+def _picture_in_box(shadow: tuple[PixelBox, F32], box: PixelBox) -> F32:
+    """Return a shadow in a larger box, 0 around it."""
+    (left, top, right, bottom), darkness = shadow
+    x0, y0, x1, y1 = box
+    picture = np.zeros((y1 - y0, x1 - x0), np.float32)
+    picture[top - y0 : bottom - y0, left - x0 : right - x0] = darkness
+    return picture
 
 
 def _claim_box(

@@ -129,6 +129,36 @@ def continue_skin(skin: F32, center: Sequence[float], radius: float) -> list[F32
     return sides
 
 
+def _weighted_detail(detail: F32, is_visible: Mask, radius: float) -> F32:
+    """Return limited detail (h, w, 3) with the weight of each pixel, (h, w, 4)."""
+    detail_size = np.abs(detail).max(axis=2)
+    usual_size = 0.0
+    if is_visible.any():
+        usual_size = float(np.median(detail_size[is_visible]))
+    # Marks much stronger than the usual grain are no texture to repeat on the back.
+    is_unusual = is_visible & (detail_size > TEXTURE.unusual * usual_size + 1e-6)
+    reach = max(1.0, 0.03 * radius)
+    spread = cv2.GaussianBlur(is_unusual.astype(np.float32), (0, 0), reach)
+    weight = is_visible * np.clip(1 - 4 * spread, 0.02, 1)
+    limit = TEXTURE.unusual * usual_size
+    limited_detail = np.clip(detail, -limit, limit)
+    return np.dstack([limited_detail, weight]).astype(np.float32)
+
+
+def _rim_waves(base: F32, center: Array, radius: float) -> NDArray[np.complex128]:
+    """Return the first Fourier modes (modes, 3) of the base along the rim."""
+    count = 4 * TEXTURE.modes
+    angles = 2 * np.pi * np.arange(count) / count
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    ring = center + TEXTURE.rim * radius * directions
+    # The base at the rim, as a few waves along the angle, continues to the back.
+    samples = _sample(base, ring[None])[0]
+    waves = np.fft.rfft(samples, axis=0)[: TEXTURE.modes] / count
+    # Each wave but the mean stands for two modes of opposite sense.
+    waves[1:] *= 2
+    return np.asarray(waves)
+
+
 @dataclass(frozen=True)
 class _Source:
     """The visible part of a sphere's skin, in logarithms."""
@@ -151,28 +181,9 @@ class _Source:
         distance = np.hypot(columns - center[0], rows - center[1]) / radius
         is_visible = distance < TEXTURE.visible
         base = _blur_known(level, is_visible, TEXTURE.blur_width * radius)
-        detail = level - base
-        detail_size = np.abs(detail).max(axis=2)
-        usual_size = (
-            float(np.median(detail_size[is_visible])) if is_visible.any() else 0.0
-        )
-        # Marks much stronger than the usual grain are no texture to repeat on the back.
-        is_unusual = is_visible & (detail_size > TEXTURE.unusual * usual_size + 1e-6)
-        reach = max(1.0, 0.03 * radius)
-        spread = cv2.GaussianBlur(is_unusual.astype(np.float32), (0, 0), reach)
-        weight = is_visible * np.clip(1 - 4 * spread, 0.02, 1)
-        limit = TEXTURE.unusual * usual_size
-        limited_detail = np.clip(detail, -limit, limit)
-        angles = 2 * np.pi * np.arange(4 * TEXTURE.modes) / (4 * TEXTURE.modes)
-        ring = center + TEXTURE.rim * radius * np.stack(
-            [np.cos(angles), np.sin(angles)], axis=1
-        )
-        # The base at the rim, as a few waves along the angle, continues to the back.
-        samples = _sample(base, ring[None])[0]
-        waves = np.fft.rfft(samples, axis=0)[: TEXTURE.modes] / len(angles)
-        waves[1:] *= 2
-        weighted_detail = np.dstack([limited_detail, weight]).astype(np.float32)
-        return _Source(level, base, weighted_detail, waves, center, radius)
+        detail = _weighted_detail(level - base, is_visible, radius)
+        waves = _rim_waves(base, center, radius)
+        return _Source(level, base, detail, waves, center, radius)
 
     def level_at(self, points: Array) -> F32:
         """Return log light of points `(h, w, 3)` of the unit sphere."""
@@ -181,13 +192,9 @@ class _Source:
         # Near the rim the photo blends into the continuation, since its pixels are
         # compressed.
         blend_radius = (TEXTURE.visible + TEXTURE.photo_radius) / 2
-        share = (
-            np.clip(
-                (blend_radius - distance) / (blend_radius - TEXTURE.photo_radius), 0, 1
-            )
-            * is_near_side
-        )
-        share = share[..., None].astype(np.float32)
+        blend_width = blend_radius - TEXTURE.photo_radius
+        share = np.clip((blend_radius - distance) / blend_width, 0, 1)
+        share = (share * is_near_side)[..., None].astype(np.float32)
         places = self.center + self.radius * points[..., :2]
         photo_level = _sample(self.level, places)
         continued_level = self._base_at(points) + self._detail_at(points)
@@ -275,7 +282,8 @@ def _rotation_between(start: Array, end: Array) -> Array:
     sine = float(np.linalg.norm(axis))
     angle = float(np.arctan2(sine, start @ end))
     if sine < 1e-9:
-        axis, sine = np.array([1.0, 0.0, 0.0]), 1.0
+        axis = np.array([1.0, 0.0, 0.0])
+        sine = 1.0
     return np.asarray(cv2.Rodrigues(angle * axis / sine)[0], np.float64)
 
 

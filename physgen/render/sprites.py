@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.arrays import Indices
 from physgen.arrays import Mask as Mask
 from physgen.geometry.polygon import Disc, Outline, bounds
 from physgen.geometry.raster import coverage_box, double_resolution
@@ -197,7 +198,8 @@ def relief_of(normals: F32, object_mask: Mask, light: DistantLight) -> Relief | 
     )
     changes = []
     for turn in TURNS:
-        changes.append(float(np.abs(relief.ratio(turn)[object_mask] - 1).mean()))
+        ratio = relief.ratio(turn)[object_mask]
+        changes.append(float(np.abs(ratio - 1).mean()))
     return relief if max(changes) > CUT.facing else None
 
 
@@ -345,7 +347,8 @@ class Gloss:
         to_picture = cv2.invertAffineTransform(matrix)
         x, y = to_picture @ [*self.center, 1.0]
         scale = float(np.sqrt(abs(np.linalg.det(to_picture[:, :2]))))
-        shift_x, shift_y = x - scale * self.center[0], y - scale * self.center[1]
+        shift_x = x - scale * self.center[0]
+        shift_y = y - scale * self.center[1]
         move = np.array([[scale, 0.0, shift_x], [0.0, scale, shift_y]])
         picture = cv2.warpAffine(self.light, move, size, flags=cv2.INTER_LINEAR)
         return np.asarray(picture, np.float32)
@@ -444,8 +447,11 @@ class Sprite:
         (x, y), picture, _ = self.halo
         height, width = picture.shape[:2]
         rows, columns = np.nonzero(self.coverage > 0)
-        rows, columns = rows + self.corner[1] - y, columns + self.corner[0] - x
-        is_within = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        rows = rows + self.corner[1] - y
+        columns = columns + self.corner[0] - x
+        has_row = (rows >= 0) & (rows < height)
+        has_column = (columns >= 0) & (columns < width)
+        is_within = has_row & has_column
         is_free = np.ones((height, width), np.uint8)
         is_free[rows[is_within], columns[is_within]] = 0
         reach = cv2.distanceTransform(is_free, cv2.DIST_L2, 5)
@@ -567,8 +573,7 @@ class _Cutter:
         self, k: int, bounds_px: PixelBox, hidden_part: _HiddenPart | None
     ) -> Sprite:
         """Cut out body k in a box of the photo."""
-        x0, y0, x1, y1 = bounds_px
-        box = np.s_[y0:y1, x0:x1]
+        box = _slices_of(bounds_px)
         labels = self.labels[box]
         mask = labels == k + 1
         others = np.where(mask, 0, labels).astype(np.int32)
@@ -589,10 +594,11 @@ class _Cutter:
             if is_shaded.any():
                 nearest = _nearest(others, no_pixels, sum(self.labels.shape))
                 touching_numbers = np.where(is_shaded, nearest, touching_numbers)
+        # A turned sprite is interpolated at its border: the margin keeps it empty.
         margin = ((MARGIN, MARGIN), (MARGIN, MARGIN))
         return Sprite(
             body=k,
-            corner=(x0 - MARGIN, y0 - MARGIN),
+            corner=(bounds_px[0] - MARGIN, bounds_px[1] - MARGIN),
             light=np.pad(light.astype(np.float32), (*margin, (0, 0))),
             coverage=np.pad(alpha, margin),
             hider=np.pad(touching_numbers, margin) if touching_numbers.any() else None,
@@ -632,7 +638,8 @@ class _Cutter:
         """
         x0, y0, x1, y1 = part.box
         box = np.s_[y0:y1, x0:x1]
-        photo, is_disc = self.photo[box], self._is_disc(k)
+        photo = self.photo[box]
+        is_disc = self._is_disc(k)
         light, alpha = _complete_hidden_part(
             photo, mask, light, alpha, self.coverage[box], part, gain, is_disc
         )
@@ -647,10 +654,8 @@ class _Cutter:
 
     def _coverage(self, mask: Mask, box: tuple[slice, slice]) -> tuple[F32, F32]:
         """Return an object's share of the covered pixels, and its coverage."""
-        wide_blur, narrow_blur = (
-            _blur_mask(mask, CUT.blur),
-            _blur_mask(mask, CUT.touch_width),
-        )
+        wide_blur = _blur_mask(mask, CUT.blur)
+        narrow_blur = _blur_mask(mask, CUT.touch_width)
         own_weight = narrow_blur + CUT.blur_weight * wide_blur
         all_weights = self.crisp_total[box] + CUT.blur_weight * self.soft_total[box]
         share = np.asarray(own_weight / np.maximum(all_weights, 1e-9), np.float32)
@@ -708,7 +713,9 @@ def _unshaded_top(
     """
     is_visible = mask & ~dilate(is_other, CUT.clean_depth)
     x = np.arange(mask.shape[1])
-    even_photo, is_dark, is_top = photo.copy(), np.zeros_like(mask), np.zeros_like(mask)
+    even_photo = photo.copy()
+    is_dark = np.zeros_like(mask)
+    is_top = np.zeros_like(mask)
     for y in _top_rows(mask, shape_top):
         if not is_visible[y].any():
             continue
@@ -752,9 +759,12 @@ def _find_hidden_part(
     )
     if not shape_cover.size:
         return None
-    right, bottom = left + shape_cover.shape[1], top + shape_cover.shape[0]
-    x0, y0 = min(box[0], left), min(box[1], top)
-    x1, y1 = max(box[2], right), max(box[3], bottom)
+    right = left + shape_cover.shape[1]
+    bottom = top + shape_cover.shape[0]
+    x0 = min(box[0], left)
+    y0 = min(box[1], top)
+    x1 = max(box[2], right)
+    y1 = max(box[3], bottom)
     part = labels[y0:y1, x0:x1]
     mask = part == k + 1
     is_other = ((part > 0) & ~mask) | absent[y0:y1, x0:x1]
@@ -1029,12 +1039,15 @@ def _compose(
     Returns the picture (H, W, 3), and 1 + the index of the most visible and of the last
     sprite, (H, W).
     """
-    composite, shape = background.copy(), background.shape[:2]
-    top, last = np.zeros(shape, np.int32), np.zeros(shape, np.int32)
+    composite = background.copy()
+    shape = background.shape[:2]
+    top = np.zeros(shape, np.int32)
+    last = np.zeros(shape, np.int32)
     largest = np.zeros(shape, np.float32)
     pairs = zip(sprites, boxes, strict=True)
     for number, (sprite, box) in enumerate(pairs, 1):
-        alpha, place = sprite.coverage[box.sprite], box.photo
+        alpha = sprite.coverage[box.sprite]
+        place = box.photo
         remaining = (1 - alpha[..., None]) * composite[place]
         composite[place] = sprite.light[box.sprite] + remaining
         largest[place] *= 1 - alpha
@@ -1064,7 +1077,8 @@ def _halo(
     if not width:
         return None
     margin = max(ceil(4 * CUT.rest_width), CUT.gap)
-    x0, y0 = max(x - margin, 0), max(y - margin, 0)
+    x0 = max(x - margin, 0)
+    y0 = max(y - margin, 0)
     box = np.s_[y0 : y + height + margin, x0 : x + width + margin]
     # Neighbours share the rest softly: all shares at a pixel add up to 1.
     own_share = _blur_mask(is_own[box], CUT.rest_width) / np.maximum(
@@ -1118,6 +1132,12 @@ def _blur_mask(mask: Mask, sigma: float = CUT.blur) -> F32:
     return np.asarray(result, np.float32)
 
 
+def _slices_of(bounds_px: PixelBox) -> tuple[slice, slice]:
+    """Return the rows and columns of a box."""
+    x0, y0, x1, y1 = bounds_px
+    return np.s_[y0:y1, x0:x1]
+
+
 def _boxes(labels: U16) -> dict[int, PixelBox]:
     """Return the box of every id with a margin for its soft border, in one pass."""
     height, width = labels.shape
@@ -1128,16 +1148,23 @@ def _boxes(labels: U16) -> dict[int, PixelBox]:
     # Sort the pixels by id, and reduce each run of equal ids.
     order = np.argsort(ids, kind="stable")
     present_ids, first = np.unique(ids[order], return_index=True)
-    rows, columns = rows[order], columns[order]
-    left = np.minimum.reduceat(columns, first) - CUT.border_reach
-    top = np.minimum.reduceat(rows, first) - CUT.border_reach
-    right = np.maximum.reduceat(columns, first) + CUT.border_reach + 1
-    bottom = np.maximum.reduceat(rows, first) + CUT.border_reach + 1
-    table = np.column_stack([present_ids, left, top, right, bottom]).tolist()
-    boxes = {}
-    for id_, x0, y0, x1, y1 in table:
-        boxes[id_] = max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
-    return boxes
+    left, right = _soft_extents(columns[order], first, width)
+    top, bottom = _soft_extents(rows[order], first, height)
+    corners = zip(
+        left.tolist(), top.tolist(), right.tolist(), bottom.tolist(), strict=True
+    )
+    return dict(zip(present_ids.tolist(), corners, strict=True))
+
+
+def _soft_extents(
+    places: Indices, first: Indices, size: int
+) -> tuple[Indices, Indices]:
+    """Return the begin and end of each run of places along one axis, with the soft
+    border, from 0 to `size`; `first` are the first elements of the runs.
+    """
+    lowest = np.minimum.reduceat(places, first) - CUT.border_reach
+    highest = np.maximum.reduceat(places, first) + CUT.border_reach + 1
+    return np.maximum(lowest, 0), np.minimum(highest, size)
 
 
 def _foreground(
@@ -1202,7 +1229,8 @@ def _carried_light(photo: F32, reliable: Mask, target: Mask) -> F32:
     `target` ones.
     """
     light: F32 = photo.copy()
-    weight, is_known = reliable.astype(np.float32), reliable.copy()
+    weight = reliable.astype(np.float32)
+    is_known = reliable.copy()
     # Blur in growing widths: the nearest reliable light reaches a pixel first.
     for sigma in (1.0, 2.0, 4.0, 8.0):
         if is_known[target].all():

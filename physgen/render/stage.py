@@ -17,6 +17,7 @@ from physgen.maps import U8, U16
 from physgen.render.shadow_decomposition import LitBackground
 from physgen.render.sprites import Sprite
 from physgen.render.squash import Squashes
+from physgen.render.standing_shade import STANDING
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.trajectory import rotation_matrices as in_space
 
@@ -326,15 +327,17 @@ def draw_halo(
 def _halo_share(sprite: Sprite, contact_share: float) -> F32:
     """Return the share (h, w) of a halo that a contact shade does not contain."""
     assert sprite.halo is not None
-    (x, y), picture, _ = sprite.halo
-    shares = np.ones(picture.shape[:2], np.float32)
+    (x, y), _, _ = sprite.halo
+    # The shade is continued below the border of the object, too.
+    border = np.clip(2 - sprite.halo_reach / np.float32(STANDING.ring), 0, 1)
+    shares = np.asarray(1 - np.float32(contact_share) * border, np.float32)
     foot_halo = sprite.foot_halo
-    if foot_halo is None or foot_halo.weight is None:
+    if foot_halo is None or foot_halo.darkness is None:
         return shares
     left, top = foot_halo.corner[0] - x, foot_halo.corner[1] - y
     height, width = foot_halo.weight.shape
-    weight = np.float32(contact_share) * foot_halo.weight
-    shares[top : top + height, left : left + width] -= weight
+    part = shares[top : top + height, left : left + width]
+    np.minimum(part, 1 - np.float32(contact_share) * foot_halo.weight, out=part)
     return shares
 
 

@@ -119,29 +119,31 @@ def base_points(start: Silhouette) -> F64:
 
 
 def measure_base_motion(
-    points: F64, start: Pose, pose: Pose, climb: float
+    points: F64, start: Pose, pose: Pose, floor_drop: float
 ) -> BaseMotion:
     """Return the motion of a base with corners `points` (n, 2) px.
 
-    `climb`: displacement of the floor below the object, px down.
+    `floor_drop`: displacement of the floor below the object, px down.
     """
     turn = pose.angle - start.angle
     offsets = points - (start.x, start.y)
     moved_points = offsets @ rotation(turn).T + (pose.x, pose.y)
     k = int(np.argmax(moved_points[:, 1]))
-    x, y = moved_points[k].tolist()
+    pivot, moved_pivot = points[k].tolist(), moved_points[k].tolist()
     left, right = points[:, 0].min(), points[:, 0].max()
-    drop = y - float(points[:, 1].max())
+    drop = moved_pivot[1] - float(points[:, 1].max())
     slack = STANDING.slack * abs(sin(turn)) * (right - left)
-    fall = min(max(drop, climb - slack), climb + slack)
-    shift = x - float(points[k, 0])
+    shift = (
+        moved_pivot[0] - pivot[0],
+        min(max(drop, floor_drop - slack), floor_drop + slack),
+    )
     return BaseMotion(
-        shift=(shift, fall),
-        pivot=x,
-        pivot_lift=float(points[k, 1]) + fall - y,
+        shift=shift,
+        pivot=moved_pivot[0],
+        pivot_lift=pivot[1] + shift[1] - moved_pivot[1],
         slope=-tan(min(max(turn, -1.0), 1.0)),
-        ends=(left + shift, right + shift),
-        height=abs(fall - drop),
+        ends=(left + shift[0], right + shift[0]),
+        height=abs(shift[1] - drop),
         turn=turn,
     )
 
@@ -191,21 +193,21 @@ class StandingShade:
 
         `ends`: columns of both ends of the floor.
         """
+        margin = self.step * self._margin
+        left = self.corner[0] - margin + motion.shift[0]
+        top = self.corner[1] - margin + motion.shift[1]
         height, width = self._levels[0].shape[:2]
-        left = self.corner[0] - self.step * self._margin + motion.shift[0]
-        top = self.corner[1] - self.step * self._margin + motion.shift[1]
         right, bottom = left + self.step * width, top + self.step * height
         box = clipped_box((left, top, right, bottom), size)
         if box is None:
             return None
         columns = _cell_centers(box[0], box[2], self.step)
-        rows = _cell_centers(box[1], box[3], self.step)
+        rows = _cell_centers(box[1], box[3], self.step)[:, None] - np.float32(top)
         lifts = motion.lifts(columns)
+        weights = self._level_weights(lifts) * _share_between(columns, ends)
         # A part of the base that turned down has pushed its shade before it.
-        source_rows = rows[:, None] + np.minimum(lifts, 0) - np.float32(top)
-        weights = self._level_weights(lifts)
-        weights *= np.clip(np.minimum(columns - ends[0], ends[1] - columns) + 0.5, 0, 1)
-        darkness = self._mix_levels(columns - np.float32(left), source_rows, weights)
+        rows = np.asarray(rows + np.minimum(lifts, 0), np.float32)
+        darkness = self._mix_levels(columns - np.float32(left), rows, weights)
         return box, self._enlarge(np.asarray(cv2.exp(-darkness), np.float32), box)
 
     def _level_weights(self, lifts: F32) -> F32:
@@ -249,6 +251,12 @@ class StandingShade:
         return np.asarray(part, np.float32)
 
 
+def _share_between(columns: F32, ends: tuple[float, float]) -> F32:
+    """Return the share 0..1 of columns (w,) between two ends, px."""
+    inside = np.minimum(columns - ends[0], ends[1] - columns) + 0.5
+    return np.asarray(np.clip(inside, 0, 1), np.float32)
+
+
 def _cell_centers(start: int, end: int, step: int) -> F32:
     """Return the centres (n,) px of cells that cover the pixels from `start` on."""
     count = ceil((end - start) / step)
@@ -256,11 +264,11 @@ def _cell_centers(start: int, end: int, step: int) -> F32:
 
 
 def split_contact_shade(
-    start: Silhouette, box: PixelBox, shade: F32, is_measured: Mask
+    start: Silhouette, box: PixelBox, shade: F32, measured_mask: Mask
 ) -> tuple[StandingShade, F32] | None:
     """Split the shade (h, w, 3) of an object in a box of the photo.
 
-    `is_measured` (h, w): pixels with valid shade up to the border of the object.
+    `measured_mask` (h, w): pixels with valid shade up to the border of the object.
     Returns the shade at its base, and the mean (h, w) of the remaining shade, both
     continued behind the object. None for an object without a visible base.
     """
@@ -268,9 +276,8 @@ def split_contact_shade(
     if not len(points) or not shade.size:
         return None
     side = float(min(start.coverage.shape))
-    step = min(max(int(side / STANDING.side_per_step), 1), STANDING.largest_step)
     cover = _covered_pixels(start, box)
-    hole = _dilated(cover, STANDING.ring) & ~is_measured | _dilated(cover, 1)
+    hole = _dilated(cover, STANDING.ring) & ~measured_mask | _dilated(cover, 1)
     whole_shade = _continue_into(shade, hole)
     share = _contact_share(cover, points, box[1], side)
     if share is None:
@@ -278,14 +285,20 @@ def split_contact_shade(
     rest = np.asarray((1 - share) * whole_shade.mean(axis=2), np.float32)
     x, y, width, height = cv2.boundingRect((share > LEAST_SHARE).astype(np.uint8))
     window = np.s_[y : y + height, x : x + width]
-    pixels = share[window][..., None] * whole_shade[window]
-    cells = (ceil(width / step), ceil(height / step))
-    padding = (cells[1] * step - height, cells[0] * step - width)
-    pixels = np.pad(pixels, ((0, padding[0]), (0, padding[1]), (0, 0)), "edge")
-    cell_means = cv2.resize(pixels, cells, interpolation=cv2.INTER_AREA)
+    step = min(max(int(side / STANDING.side_per_step), 1), STANDING.largest_step)
+    contact = _cell_means(share[window][..., None] * whole_shade[window], step)
     corner = (box[0] + x, box[1] + y)
-    contact = np.asarray(cell_means, np.float32)
     return StandingShade(corner, contact, step, points, side), rest
+
+
+def _cell_means(pixels: F32, step: int) -> F32:
+    """Return the means (h, w, 3) of the cells of `step` px that cover a picture."""
+    height, width = pixels.shape[:2]
+    padding = ((0, -height % step), (0, -width % step), (0, 0))
+    padded_pixels = np.pad(pixels, padding, "edge")
+    cells = (padded_pixels.shape[1] // step, padded_pixels.shape[0] // step)
+    means = cv2.resize(padded_pixels, cells, interpolation=cv2.INTER_AREA)
+    return np.asarray(means, np.float32)
 
 
 def _continue_into(shade: F32, hole: Mask) -> F32:

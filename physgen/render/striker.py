@@ -166,9 +166,11 @@ def find_strikes(world: World) -> list[Strike]:
         if world.bodies[k].motion is not Motion.DYNAMIC:
             del strikes[k]
     for joint in world.joints:
-        pair = (joint.first, joint.second)
-        if pair[0] in strikes and pair[1] in strikes:
-            del strikes[min(pair, key=lambda k: world.bodies[k].mass)]
+        first, second = joint.first, joint.second
+        if second is None or first not in strikes or second not in strikes:
+            continue
+        is_lighter = world.bodies[first].mass < world.bodies[second].mass
+        del strikes[first if is_lighter else second]
     return list(strikes.values())
 
 
@@ -227,7 +229,8 @@ def _rim(body: Body, angle: float, direction: F64, point: F64 | None = None) -> 
     for ring in body.rings:
         corners = ring @ turn.T - offset
         along, side = corners @ direction, corners @ across
-        next_along, next_side = np.roll(along, -1), np.roll(side, -1)
+        next_along = np.roll(along, -1)
+        next_side = np.roll(side, -1)
         crosses = (side > 0) != (next_side > 0)
         share = side[crosses] / (side[crosses] - next_side[crosses])
         places = along[crosses] + share * (next_along[crosses] - along[crosses])
@@ -317,7 +320,8 @@ def _with_sprites(
     fine_motion: Trajectory,
 ) -> Stage:
     """Return the stage with the strikers in front of all objects."""
-    sprites, starts = list(stage.sprites), list(stage.starts)
+    sprites = list(stage.sprites)
+    starts = list(stage.starts)
     if not starts:
         starts = [Pose(*pose) for pose in fine_motion.poses[0].tolist()]
     actors, casts = list(stage.actors), []
@@ -351,7 +355,9 @@ def _striker_cast(sprite: Sprite, start: F64, thickness: float) -> CastShadow:
 def _with_casts(stage: Stage, casts: Sequence[CastShadow]) -> Stage:
     """Return the stage with the shadows of more sprites, without veils and mirrors."""
     empty = [None] * len(casts)
-    background, mirror, veils = stage.lit_background, stage.mirror, stage.veils
+    background = stage.lit_background
+    mirror = stage.mirror
+    veils = stage.veils
     if background is not None:
         background = replace(background, casts=[*background.casts, *casts])
     if mirror is not None:

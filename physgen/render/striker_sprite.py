@@ -476,7 +476,8 @@ def _shading(stage: Stage, form: Form, normal: tuple[F64, F64, F64], nail: F64) 
         light = stage.lit_background.setting.light
         direction = np.array(light.direction)
         total = light.ambient + light.intensity
-        ambient, intensity = light.ambient / total, light.intensity / total
+        ambient = light.ambient / total
+        intensity = light.intensity / total
     facing = np.tensordot(direction, np.stack(normal), 1)
     wrap = SKIN.wrap if form.is_skin else 0.0
     direct = np.maximum(facing + wrap, 0) / (1 + wrap)

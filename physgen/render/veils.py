@@ -80,7 +80,8 @@ def measure_veil_share(
         z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
         normal = [part.astype(np.float32) for part in (u, v, z)]
         level -= np.log(sphere_shading(light, *normal))
-    x, y = columns - columns.mean(), rows - rows.mean()
+    x = columns - columns.mean()
+    y = rows - rows.mean()
     # The unknowns are a constant, two slopes over the face and the share of the veil.
     terms = np.column_stack([np.ones(len(x)), x, y, -veil[rows, columns]])
     terms[:, 1:3] /= max(sprite.coverage.shape)

@@ -85,7 +85,8 @@ def opening_of(body: Body, corner: Sequence[int], tilt: float) -> Opening | None
     points = np.concatenate(body.rings) + body.center - np.asarray(corner)
     (left, top), (right, bottom) = points.min(axis=0), points.max(axis=0)
     is_rim = points[:, 1] < top + VESSEL.rim_height * (bottom - top)
-    start, end = points[is_rim, 0].min(), points[is_rim, 0].max()
+    start = points[is_rim, 0].min()
+    end = points[is_rim, 0].max()
     foot = points[points[:, 1] > bottom - VESSEL.foot_height * (bottom - top), 0]
     half_width = (end - start) / 2
     half_height = half_width * sin(atan(tilt))
@@ -149,7 +150,8 @@ def open_vessel(
     # Pixels beside the border of the other object are mixtures, and stay.
     share = cv2.erode(hidden_mask.astype(np.uint8), np.ones((3, 3), np.uint8))
     share = cv2.blur(share.astype(np.float32), (3, 3))
-    cover, light = cover * share, light * share[..., None]
+    cover = cover * share
+    light = light * share[..., None]
     return replace(
         sprite,
         light=np.asarray(sprite.light * (1 - cover[..., None]) + light, np.float32),
@@ -208,7 +210,8 @@ def _size(
     """Return the squared distance from an opening's middle, 1 at the ellipse inside the
     rim of a `thickness`, px; (h * subpixels, w * subpixels).
     """
-    height, width = shape[0] * subpixels, shape[1] * subpixels
+    height = shape[0] * subpixels
+    width = shape[1] * subpixels
     x = ((np.arange(width) + 0.5) / subpixels - 0.5 - opening.x) / (
         opening.half_width - thickness
     )
@@ -229,7 +232,8 @@ def _wall_light(sprite: Sprite, opening: Opening, tuning: VesselTuning) -> F32 |
     if is_wall.sum() < opening.half_width:
         return None
     weight = is_wall.sum(axis=0)[None]
-    total = (sprite.light[first:last] * is_wall[..., None]).sum(axis=0)[None]
+    wall_light = sprite.light[first:last] * is_wall[..., None]
+    total = wall_light.sum(axis=0)[None]
     weight = cv2.GaussianBlur(weight, (0, 0), VESSEL.blur_width)
     total = cv2.GaussianBlur(total, (0, 0), VESSEL.blur_width)
     light = total / np.maximum(weight, 1e-3)[..., None]

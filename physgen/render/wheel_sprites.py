@@ -129,8 +129,10 @@ class WheelSprite:
         inverse = np.linalg.inv(matrix[:, :2])
         x, y = inverse @ (np.array(self.center) - matrix[:, 2])
         reach = (self.radius + 2) * float(np.abs(inverse).sum(axis=1).max())
-        left, right = max(floor(x - reach), 0), min(ceil(x + reach) + 1, shape[1])
-        top, bottom = max(floor(y - reach), 0), min(ceil(y + reach) + 1, shape[0])
+        left = max(floor(x - reach), 0)
+        right = min(ceil(x + reach) + 1, shape[1])
+        top = max(floor(y - reach), 0)
+        bottom = min(ceil(y + reach) + 1, shape[0])
         if left >= right or top >= bottom:
             return None
         return slice(top, bottom), slice(left, right)
@@ -185,8 +187,10 @@ def _wheel_box(
     center: tuple[float, float], radius: float, shape: tuple[int, ...]
 ) -> tuple[int, int, int, int]:
     """Return x0, y0, x1, y1 px of a wheel with a margin, within a picture's shape."""
-    x0, y0 = floor(center[0] - radius) - 2, floor(center[1] - radius) - 2
-    x1, y1 = ceil(center[0] + radius) + 3, ceil(center[1] + radius) + 3
+    x0 = floor(center[0] - radius) - 2
+    y0 = floor(center[1] - radius) - 2
+    x1 = ceil(center[0] + radius) + 3
+    y1 = ceil(center[1] + radius) + 3
     return max(x0, 0), max(y0, 0), min(x1, shape[1]), min(y1, shape[0])
 
 
@@ -234,6 +238,7 @@ def _best_rim(codes: F32, first: _Ellipse, reach: float) -> _Ellipse:
     The rim is an edge of brightness: search the ellipse whose normal gradient is
     largest on average.
     """
+    # The blur removes grain, which has strong gradients in all directions.
     blurred_codes = cv2.GaussianBlur(codes, (0, 0), 1.0)
     gx = np.asarray(cv2.Sobel(blurred_codes, cv2.CV_32F, 1, 0), np.float32)
     gy = np.asarray(cv2.Sobel(blurred_codes, cv2.CV_32F, 0, 1), np.float32)
@@ -283,12 +288,15 @@ def drawn_wheel(
     number: int, center: tuple[float, float], radius: float, colour: F32
 ) -> WheelSprite:
     """Return a wheel of one colour `(3,)` with spokes, for scenes without a photo."""
-    x0, y0 = floor(center[0] - radius) - 2, floor(center[1] - radius) - 2
+    x0 = floor(center[0] - radius) - 2
+    y0 = floor(center[1] - radius) - 2
     size = 2 * ceil(radius) + 6
     rows, columns = np.indices((size, size))
-    x, y = columns + x0 - center[0], rows + y0 - center[1]
+    x = columns + x0 - center[0]
+    y = rows + y0 - center[1]
     distances = np.hypot(x, y)
-    is_spoke = np.minimum(np.abs(x), np.abs(y)) < max(0.06 * radius, 0.7)
+    spoke_width = max(0.06 * radius, 0.7)
+    is_spoke = np.minimum(np.abs(x), np.abs(y)) < spoke_width
     is_rim = distances > 0.85 * radius
     is_dark = (is_spoke | is_rim)[..., None]
     paint = np.where(is_dark, 0.3 * colour, colour).astype(np.float32)
@@ -319,7 +327,8 @@ class _Rings:
         turn = 2 * pi * np.arange(steps) / steps
         offsets = part.aspect * radii[:, None] * np.cos(turn)
         x = (part.x + offsets).astype(np.float32)
-        y = (part.y + radii[:, None] * np.sin(turn)).astype(np.float32)
+        offsets_down = radii[:, None] * np.sin(turn)
+        y = (part.y + offsets_down).astype(np.float32)
         flags = cv2.INTER_LINEAR
         paint = cv2.remap(colour, x, y, flags, borderMode=cv2.BORDER_REPLICATE)
         cover = cv2.remap(alpha, x, y, flags, borderMode=cv2.BORDER_CONSTANT)
@@ -340,6 +349,7 @@ class _Rings:
         spread = np.median(differences[:, is_below], axis=1)
         limit = np.maximum(WHEEL.tyre_difference, WHEEL.spread * spread)
         is_unlike = (differences > limit[:, None]) & ~is_below & (sine < 0)
+        # The body hides a connected part from the tread inwards.
         depth = _depths(is_unlike, round(WHEEL.deepest * count))
         window = 2 * max(round(WHEEL.median_width * steps / 2), 1) + 1
         depth = _median_around(depth, window)
@@ -352,7 +362,8 @@ class _Rings:
         """Return the paint, with hidden parts copied from elsewhere on the same
         ring.
         """
-        paint, is_open = self.paint.copy(), hidden_mask.copy()
+        paint = self.paint.copy()
+        is_open = hidden_mask.copy()
         steps = hidden_mask.shape[1]
         # Rotations by simple fractions of a turn come first, as most rims have such a
         # symmetry.
@@ -377,8 +388,10 @@ class _Rings:
         mean = brightness.mean(axis=1, keepdims=True)
         # Light from one side changes once around the axle: take the first harmonic of
         # each ring.
-        cosine_part = 2 * (brightness * np.cos(turn)).mean(axis=1, keepdims=True) / mean
-        sine_part = 2 * (brightness * np.sin(turn)).mean(axis=1, keepdims=True) / mean
+        cosine_mean = (brightness * np.cos(turn)).mean(axis=1, keepdims=True)
+        sine_mean = (brightness * np.sin(turn)).mean(axis=1, keepdims=True)
+        cosine_part = 2 * cosine_mean / mean
+        sine_part = 2 * sine_mean / mean
         sigma = max(0.15 * len(brightness), 1.0)
         change = _smoothed_rows(cosine_part, sigma) * np.cos(turn)
         change = change + _smoothed_rows(sine_part, sigma) * np.sin(turn)
@@ -391,7 +404,8 @@ class _Rings:
 def _smoothed_rows(values: NDArray[np.floating], sigma: float) -> Array:
     """Blur values `(R, 1)` along the rows."""
     reach = ceil(3 * sigma)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    places = np.arange(-reach, reach + 1) / sigma
+    kernel = np.exp(-0.5 * places**2)
     padded_values = np.pad(values[:, 0], reach, mode="edge")
     return np.convolve(padded_values, kernel / kernel.sum(), mode="valid")[:, None]
 
@@ -422,10 +436,13 @@ def _polar_places(
 ) -> tuple[Array, tuple[F32, F32]]:
     """Return px from the axle, and the column and row in the rings, of each pixel."""
     rows, columns = np.indices(shape[:2])
-    x, y = (columns - part.x) / part.aspect, rows - part.y
+    x = (columns - part.x) / part.aspect
+    y = rows - part.y
     distances = np.hypot(x, y)
-    turn = np.mod(np.arctan2(y, x) / (2 * pi), 1) * rings[1]
-    ring = np.clip(distances * rings[0] / part.radius - 0.5, 0, rings[0] - 1)
+    share_of_turn = np.mod(np.arctan2(y, x) / (2 * pi), 1)
+    turn = share_of_turn * rings[1]
+    exact_ring = distances * rings[0] / part.radius - 0.5
+    ring = np.clip(exact_ring, 0, rings[0] - 1)
     return distances, (turn.astype(np.float32), ring.astype(np.float32))
 
 

@@ -91,6 +91,7 @@ def write_gallery(
     clips = clips_in(roots)
     index.parent.mkdir(parents=True, exist_ok=True)
     files = index.with_name(f"{index.stem}.files")
+    # Pictures are made first, since the page contains their sizes and links.
     shots, results = [], []
     for k, clip in enumerate(clips):
         progress("gallery", k, len(clips))
@@ -142,6 +143,7 @@ def _cards(
     results: Sequence[str],
 ) -> list[dict[str, Any]]:
     """Return the cards of all clips; see `gallery_page`."""
+    # A name alone does not identify a clip if several clips have it.
     names = Counter(clip.name for clip in clips)
     cards = []
     for k, (clip, shot) in enumerate(zip(clips, shots, strict=True)):
@@ -176,6 +178,7 @@ def gallery_page(
     keys = swept_keys(clips)
     cards = _cards(clips, shots, home, keys, results)
     subjects = {clip.subject for clip in clips if clip.document}
+    # Clips of different scenes differ in everything and are not a sweep.
     free_keys: list[SweptKey] = []
     if len(subjects) == 1:
         free_keys = [key for key in keys if not key.follows]
@@ -250,6 +253,7 @@ def _label_choices(clips: Sequence[Clip]) -> list[tuple[str, int]]:
 
 def _script() -> str:
     """Return the page's script, joined from several files."""
+    # One function around all files keeps their names out of the page's scope.
     texts = []
     for name in SCRIPTS:
         path = resource("templates", "gallery", f"{name}.js")

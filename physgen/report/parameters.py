@@ -367,6 +367,8 @@ def merge_equal_rows(rows: Sequence[Row]) -> list[Row]:
     """Merge rows with equal values at the place of the first. Names and lines of the
     file may differ.
     """
+    # The key of a row contains everything that must be equal, but no lines of the
+    # file.
     equal_rows: dict[tuple[object, ...], list[Row]] = {}
     for row in rows:
         cells = []
@@ -402,6 +404,7 @@ def _merge_cells(cell: Cell, last: Cell) -> Cell:
     text, end = cell.source.text, last.source.text
     if text != end:
         text = f"{text} to {end}".replace("line ", "lines ", 1)
+        # The word is written once: lines 3 to 7.
         text = text.replace(" to line ", " to ")
     return replace(cell, source=replace(cell.source, text=text))
 

@@ -148,6 +148,8 @@ def _moving(stage: Stage, trajectory: Trajectory) -> list[int]:
     """Return the sprites of moving bodies."""
     if not len(trajectory.poses):
         return []
+    # A sprite moves if its body moves in the clip, or stands elsewhere than in
+    # the photo.
     moves = (trajectory.poses != trajectory.poses[:1]).any(axis=(0, 2))
     if stage.starts:
         moves |= (trajectory.poses[0] != np.array(stage.starts)).any(axis=1)
@@ -190,6 +192,7 @@ def _with_margin(box: PixelBox, shape: tuple[int, ...]) -> tuple[slice, slice]:
 
 def _unmultiplied(light: F32, alpha: F32) -> U8:
     """Return the colours and the coverage of premultiplied linear light, (h, w, 4)."""
+    # Browsers expect colours that are not multiplied by the coverage.
     colours = light / np.maximum(alpha, 1e-3)[..., None]
     covers = np.rint(255 * np.clip(alpha, 0, 1)).astype(np.uint8)
     return np.dstack([encode_u8(np.clip(colours, 0, 1)), covers])
@@ -257,6 +260,8 @@ def select_keys(path: Array, reach: float) -> list[int]:
         keys = [0, len(scaled_path) - 1]
     else:
         keys = [0]
+    # Add the sample farthest from the straight parts until all samples are close
+    # to them.
     while len(keys) < LIMITS.keys:
         samples = np.arange(len(scaled_path))
         chords = np.stack(
@@ -288,6 +293,7 @@ def shadows(
             keys[k] = [0]
         else:
             keys[k] = select_keys(trajectory.poses[:, body], reach)
+    # Poses of each sample are computed once for all sprites.
     samples = sorted(set().union(*keys.values()))
     rows: dict[int, list[dict[str, Any]]] = {k: [] for k in moving}
     poses_of_samples = sprite_poses(stage, trajectory, samples)
@@ -361,8 +367,10 @@ def _shadow(box: PixelBox, darkness: F32) -> dict[str, Any]:
         int(columns[0]),
         int(columns[-1]) + 1,
     )
+    # Most of the box is invisible: send only the visible part.
     covers = covers[y0:y1, x0:x1]
     total = float(covers.sum())
+    # The page moves a shadow between its keys by their centres of darkness.
     offset = [
         float((covers.sum(axis=0) * np.arange(x1 - x0)).sum()) / total + box[0] + x0,
         float((covers.sum(axis=1) * np.arange(y1 - y0)).sum()) / total + box[1] + y0,
@@ -370,6 +378,7 @@ def _shadow(box: PixelBox, darkness: F32) -> dict[str, Any]:
     alpha = np.rint(255 * covers).astype(np.uint8)
     black = np.zeros((*alpha.shape, 4), np.uint8)
     black[..., 3] = alpha
+    # A shadow is soft, so that a small picture suffices.
     black = _smaller(black, min(1.0, LIMITS.shadow / max(alpha.shape)))
     place = (box[0] + x0, box[1] + y0, box[0] + x1, box[1] + y1)
     return {
@@ -386,6 +395,7 @@ Data = dict[str, Any]
 def _largest_impacts(world: World, samples: Trajectory) -> list[Impact]:
     """Return the impacts with the largest impulses, by time."""
     frame_time = world.duration / max(len(world.times), 1)
+    # A page with all impacts of a heap would be slow: keep the strongest ones.
     impacts = find_impacts(world, samples, frame_time / LIMITS.finer)
     largest = sorted(impacts, key=lambda impact: -impact.impulse)
     return sorted(largest[: LIMITS.most_impacts], key=lambda impact: impact.time)
@@ -423,6 +433,7 @@ def player_data(
         times = sample_times(trajectory, LIMITS.finer, max(T, LIMITS.fine_samples // N))
         samples = trajectory.resample(times)
         impacts = _largest_impacts(world, samples)
+    # The page can show every overlay, so that it needs the scales of all.
     kinds = set(Overlay)
     moving = _moving(stage, trajectory)
     steps = _code_steps(samples)

@@ -248,6 +248,7 @@ def _check_finger(tree: CheckedTree, node: Node, path: KeyPath) -> None:
         now: Any = items(knot)[0].value
         where: KeyPath = (*path, "finger", index, 0)
         time = items(knot)[0]
+        # One fault per list: later times depend on the wrong one.
         if now < 0:
             problem = Message.TIME_NEGATIVE.problem(
                 time.place, where, shown(now), items="knots"
@@ -258,6 +259,7 @@ def _check_finger(tree: CheckedTree, node: Node, path: KeyPath) -> None:
             report_time_order(tree, time, where, before, "knots")
             break
         before = now
+    # A finger pulls one object towards a point of the picture.
     if "finger" in parts and len(items(parts.get("objects"))) > 1:
         place = parts["objects"].place
         tree.report(Message.FINGER_ON_TWO.problem(place, (*path, "objects")))

@@ -86,6 +86,7 @@ class Provenance:
         place = self._scene.places.get(path)
         if place is None and uses_parent:
             place = self._scene.place(path)
+        # A value that perception wrote keeps its source until someone edits it.
         if provenance is not None and self._counts(
             place, None if text_path is None else self._scene.place(text_path)
         ):

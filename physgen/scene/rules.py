@@ -324,6 +324,7 @@ class _Rules:
                 if not isinstance(mask.value, int | float):
                     continue
                 id_ = int(mask.value)
+                # Two objects with one mask would both be cut out of the same pixels.
                 if id_ in owner:
                     message = Message.MASK_TAKEN
                     problem = message.problem(

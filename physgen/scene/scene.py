@@ -109,6 +109,12 @@ class Auto:
 Shape = Circle | Box | Polygon | Auto
 
 
+def _array_ring(ring: Ring) -> polygon.Ring:
+    """Return a ring of the scene with its points as arrays."""
+    holes = tuple(np.array(hole, np.float64) for hole in ring.holes)
+    return polygon.Ring(np.array(ring.outline, np.float64), holes)
+
+
 def shape_outline(shape: Shape) -> polygon.Outline | None:
     """Return the outline of an explicit shape, px of the photo, or None for
     the mask's.
@@ -117,34 +123,14 @@ def shape_outline(shape: Shape) -> polygon.Outline | None:
         case Circle(center=center, radius=radius):
             return polygon.Disc(np.array(center, np.float64), float(radius))
         case Box(center=center, size=(width, height), angle=angle):
-            corners = (
-                np.array(
-                    [
-                        [-width, -height],
-                        [width, -height],
-                        [width, height],
-                        [-width, height],
-                    ]
-                )
-                / 2
-            )
-            return polygon.Region(
-                (
-                    polygon.Ring(
-                        corners @ polygon.rotation(radians(angle)).T + center, ()
-                    ),
-                )
-            )
+            upper_corners = [[-width, -height], [width, -height]]
+            lower_corners = [[width, height], [-width, height]]
+            corners = np.array(upper_corners + lower_corners) / 2
+            turned_corners = corners @ polygon.rotation(radians(angle)).T
+            ring = polygon.Ring(turned_corners + center, ())
+            return polygon.Region((ring,))
         case Polygon(rings=rings):
-            return polygon.Region(
-                tuple(
-                    polygon.Ring(
-                        np.array(r.outline, np.float64),
-                        tuple(np.array(h, np.float64) for h in r.holes),
-                    )
-                    for r in rings
-                )
-            )
+            return polygon.Region(tuple(map(_array_ring, rings)))
         case _:
             return None
 

@@ -164,6 +164,7 @@ def _quick_choice(schema: Schema, kinds: list[str]) -> Test:
 
 
 def _quick_list(schema: Schema) -> Test:
+    # A list has either items of one kind, or a fixed sequence of kinds.
     prefix = list(map(_quick_test, schema.get("prefixItems", [])))
     if "items" in schema:
         item_test = _quick_test(schema["items"])
@@ -192,6 +193,7 @@ def _quick_mapping(schema: Schema) -> Test:
     tests = {}
     for key, part in schema.get("properties", {}).items():
         tests[key] = _quick_test(part)
+    # Tests are built once, since a scene is validated on every edit.
     rest = schema.get("additionalProperties", {})
     other: Test = _refuse
     if isinstance(rest, dict):

@@ -166,6 +166,7 @@ def _extent(tree: CheckedTree, kind: str, node: Node) -> float:
 def _check_holes(tree: CheckedTree, kinds: dict[str, Node], path: KeyPath) -> None:
     for index, piece in enumerate(items(kinds.get("polygons"))):
         outer = points_of(children(piece)["outline"])
+        # The bounding box is enough to find a hole in wrong coordinates.
         box = [(min(c), max(c)) for c in zip(*outer, strict=True)]
         for hole, node in enumerate(items(children(piece).get("holes"))):
             sides = zip(*points_of(node), strict=True)

@@ -97,6 +97,7 @@ def _wrong_indent(
     spaces = _indent(line)
     if line[: mark.column].strip() not in ("", "-") or not line.strip():
         return None
+    # The indentation above is right, since the reader accepted it.
     before = _line_before(lines, mark.line)
     expected_indent = _indent(_line(lines, before))
     if line.lstrip().startswith("- "):

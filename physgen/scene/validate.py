@@ -263,6 +263,7 @@ class _Fault:
     def _not_a_number(self, findings: Findings) -> None:
         """Report a value in place of a number, with the intended number."""
         value = self.node.value
+        # The fix is the intended number, if the value contains one.
         kind = "a number"
         if "integer" in self.kinds:
             kind = "a whole number"

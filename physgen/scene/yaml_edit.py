@@ -419,6 +419,7 @@ def _insert(text: str, path: KeyPath, value: Any) -> str:
     if not node.children:
         return _replace_value(text, parent_path, [value])
     if node.is_flow:
+        # A list on one line takes the new item between commas.
         inner = _inline(text, value, path)
         before = node.children[max(index - 1, 0)]
         if index == 0:
@@ -496,6 +497,7 @@ def _replace_value(text: str, path: KeyPath, value: Any) -> str:
         empty_text = _empty_collection(text, path)
         if empty_text is not None:
             return empty_text
+    # First the smallest change, then larger ones: users keep their formatting.
     patches = None
     if node.is_flow:
         patches = _differences(text, node, value, path)
@@ -581,6 +583,7 @@ def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
     from the last item, so that the indices of earlier items stay valid.
     """
     shorter_length = min(len(old), len(new))
+    # Equal items at both ends stay as they are.
     head = next(
         (
             index

@@ -308,6 +308,8 @@ def _solve_dense_impulses(
     inverse_diagonal = _inverse_diagonal(matrix)
     goals = _leaving_speeds(elasticity, before.tolist())
     for passes in range(1, 1 + _max_passes(exact)):  # noqa: B007 - counts
+        # As in `_solve_impulses`: each point in turn takes the impulse that gives it
+        # its goal.
         largest_change = largest_impulse = 0.0
         for point, (goal, mu) in enumerate(zip(goals, friction, strict=True)):
             n, t = 2 * point, 2 * point + 1
@@ -675,6 +677,8 @@ class ImpactSolver:
         script_speeds = [self._script_speeds(point) for point in points]
         bodies = self._free_bodies(points)
         joint_groups = {self._assemblies.group_of(body) for body in bodies} - {None}
+        # One point between free bodies has a closed form; points and joints together
+        # need a solver.
         if len(points) == 1 and not joint_groups:
             impulses = [
                 self._apply_single_impulse(points[0], speeds[0], point_times[0])
@@ -871,6 +875,8 @@ class ImpactSolver:
         tolerance = self._tolerance
         if self._budget.exceeded_by:
             tolerance = TUNING.heap_tolerance
+        # A joint turns while an impulse acts: its response is that of both poses
+        # together.
         for attempt in range(TUNING.max_poses):
             response_to_points = response @ jacobian.T
             impulses, passes = simultaneous_impulses(

@@ -479,12 +479,14 @@ def _normal_and_point(
     bx, by = second_center
     ra, rb = radii
     nx, ny = normal
+    # Only circles determine the point: a polygon keeps the engine's normal.
     if isnan(ra):
         if isnan(rb):
             return nx, ny, *point
         return nx, ny, bx - rb * nx, by - rb * ny
     if isnan(rb):
         return nx, ny, ax + ra * nx, ay + ra * ny
+    # Two circles touch on the line of their centres, at the share of their radii.
     distance = max(hypot(bx - ax, by - ay), 1e-12)
     return (
         (bx - ax) / distance,

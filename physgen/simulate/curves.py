@@ -135,6 +135,7 @@ class CurvedWalls:
         for body, wall, sign, contact in self._slides(order, numbers):
             row = self._rows[body]
             if not impacts:
+                # Beyond its velocity, a body moves only by the correction of overlaps.
                 shift = state[row, :2] - old_state[row, :2] - h * old_state[row, 3:5]
                 lift_works[body] = -float(self._weight[body] @ shift)
             ix, iy = impact_impulses.pop((body, wall), (0.0, 0.0))
@@ -189,6 +190,8 @@ class CurvedWalls:
         total = total_work = 0.0
         for body in {**lost_energies, **lift_works}:
             row = self._rows[body]
+            # Scaling the speed changes the energy and keeps the direction along the
+            # curve.
             kinetic = self._mass[body] * float(state[row, 3:5] @ state[row, 3:5]) / 2
             if kinetic <= 0:
                 continue
@@ -198,6 +201,7 @@ class CurvedWalls:
                 work = 0.0
             if energy == work:
                 continue
+            # New over old speed: the root of the ratio of kinetic energies.
             change = state[row, 3:5] * (sqrt(1 + (energy - work) / kinetic) - 1)
             state[row, 3:5] += change
             total += energy - float(change @ impulses[body]) / 2

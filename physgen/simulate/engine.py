@@ -317,6 +317,7 @@ class Running:
         begin = self._step_number * self._base_step
         end = (self._step_number + 1) * self._base_step
         h = end - begin
+        # Fast bodies and stiff springs need shorter steps than the scene's own.
         parts = self._parts_of_step(end, h)
         has_fewer_parts = parts < self._parts <= MAX_REPEATED_PARTS
         if has_fewer_parts and self._stepper.has_abrupt_change:
@@ -658,6 +659,7 @@ class Stepper:
         trial = StepTrial(end, h, is_half_step, events, state)
         if state is not None:
             trial.velocities = state[:, 3:].copy()
+        # Contacts come first; joints, curves and breakages correct their result.
         self._solve_contacts(trial)
         if self._space.hidden:
             self._space.review_internal_edges()
@@ -707,6 +709,7 @@ class Stepper:
 
     def _try_step(self, trial: StepTrial) -> None:
         """Take a trial of the step with its lasting forces and brakes."""
+        # Lasting forces act before the contacts, which balance them within the step.
         if self._forces.is_acting:
             if trial.state is None:
                 start_state = self.state()
@@ -817,6 +820,7 @@ class Stepper:
         """
         if trial.state is None:
             trial.state = self.state().copy()
+        # Below this speed, contacts close without a rebound.
         threshold = self._governor.threshold(trial.h, self._governor.rest_factor)
         after = np.frombuffer(trial.states, np.float64).reshape(-1, 6)
         poses = self._all_poses
@@ -832,6 +836,7 @@ class Stepper:
             old_words = words
         else:
             old_words = self._order.words
+        # Only new contacts bounce; old ones have lost their speed in an earlier step.
         has_touched = np.ones(len(trial.order.contacts), bool)
         has_touched[[*new_contacts(words, old_words)]] = False
         if new_rows is not None:
@@ -951,6 +956,7 @@ class Stepper:
         poses[moving], velocities[moving] = state[:, :3], state[:, 3:]
         numbers = order.sort(trial.numbers)
         points = contact_points(order.words, numbers, poses, velocities)
+        # A load is not an impact: it must not rebound.
         no_elasticity = [0.0] * len(self._properties.elasticity)
         start_velocities = np.zeros_like(velocities)
         start_velocities[moving] = step_velocities

@@ -277,21 +277,25 @@ def _friction_changes(
 ) -> tuple[Array, Array]:
     """Return the changes by friction at other speeds; never beyond rest."""
     grip, mass, patch, moment, ring = properties
-    force_share, torque_share = _parts(
-        np.arctan2(abs(mid_velocity), patch * abs(at_spin)), ring
-    )
+    # The ratio of sliding to spinning decides how friction is shared between both.
+    slip_angle = np.arctan2(abs(mid_velocity), patch * abs(at_spin))
+    force_share, torque_share = _parts(slip_angle, ring)
     speed = abs(v)
     rim_spin = abs(spin)
     stopping_speed = grip * h
     # The force acts against the motion at the step's start: friction never reverses it.
-    brake = np.minimum(force_share * stopping_speed, speed) / np.maximum(speed, 1e-300)
-    spin_loss = np.minimum(torque_share * grip * mass * patch / moment * h, rim_spin)
+    lost_speed = np.minimum(force_share * stopping_speed, speed)
+    brake = lost_speed / np.maximum(speed, 1e-300)
+    torque_loss = torque_share * grip * mass * patch / moment * h
+    spin_loss = np.minimum(torque_loss, rim_spin)
     # Less than a step before the end, both motions end at once.
     comes_to_rest = (rim_spin * moment <= stopping_speed * mass * patch) & (
         speed + patch * rim_spin <= stopping_speed
     )
-    return np.where(comes_to_rest, -v, -brake * v), np.where(
-        comes_to_rest, -spin, np.where(spin > 0, -spin_loss, spin_loss)
+    spin_change = np.where(spin > 0, -spin_loss, spin_loss)
+    return (
+        np.where(comes_to_rest, -v, -brake * v),
+        np.where(comes_to_rest, -spin, spin_change),
     )
 
 

@@ -311,6 +311,8 @@ def _may_one_cover(
     nx, ny = normal
     px, py = point
     for x, y, dx, dy, length, is_segment, _ in edges:
+        # A normal along the edge cannot come from the edge itself: the edge covers the
+        # point.
         into = nx * dx + ny * dy
         if -slope <= into <= slope:
             continue

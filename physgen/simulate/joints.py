@@ -194,6 +194,7 @@ class Assemblies:
         velocities = velocity.take(self._all_bodies, axis=0).tolist()
         speeds = dict(zip(self._all_bodies, velocities, strict=True))
         work = loss = early_loss = script_loss = 0.0
+        # Joined bodies form groups, and each group has its own linear system.
         for number, group in enumerate(self._groups):
             bodies = group.bodies
             before = [speed for body in bodies for speed in speeds[body]]
@@ -302,6 +303,7 @@ class Assemblies:
         for group in self._groups:
             if self._scripted_bodies.isdisjoint(group.bodies):
                 continue
+            # Joints without a scripted side do no work from outside.
             rows, is_scripted = self._script_rows(group, spots)
             if not rows:
                 continue

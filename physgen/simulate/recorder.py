@@ -383,6 +383,8 @@ class Recorder:
         self._steps = []
         if not steps:
             return
+        # The mean of the velocities before and after a step gives its work without
+        # error.
         states, velocities_before = self._read_states(steps)
         velocities_after = states[:, :, 3:]
         self._last_velocities = velocities_after[-1].copy()
@@ -591,6 +593,7 @@ class Recorder:
         step_rows = np.repeat(np.arange(len(steps)), counts)
         words = b"".join(step.order.words for step in steps)
         touch = touching(words, b"".join(_sorted_numbers(steps)))
+        # Work of contacts is the impulse times the mean velocity of the contact point.
         first, second = self._partner_motions(touch, step_rows, pose, before, after)
         opening = _opening_speeds(touch, first, second)
         places = self._impulse_places(touch, opening)
@@ -726,6 +729,7 @@ class Recorder:
                 impulse.append(impacts.impulse)
         all_times = np.concatenate(contact_times)
         next_samples = np.searchsorted(self.times, all_times - 1e-12)
+        # Contacts after the last sample belong to no frame.
         is_in_clip = next_samples < len(self.times)
         self.log.add_block(
             end_times,
@@ -848,6 +852,7 @@ class Recorder:
         the step before the sample, and the step's length, s.
         """
         times = self.times[samples]
+        # Between the ends of a step, poses and velocities are linear.
         factors = fractions[:, None, None]
         old_poses = _values_before(motion.poses, step_rows, self._pose)
         old_velocities = _values_before(
@@ -857,6 +862,7 @@ class Recorder:
         velocities = old_velocities + factors * (
             motion.velocities[step_rows] - old_velocities
         )
+        # An impact within the step bends the path at its own time.
         for k in np.flatnonzero((fractions > 0) & (fractions < 1)).tolist():
             step = steps[step_rows[k]]
             if step.velocities_before_impacts is not None:

@@ -375,6 +375,8 @@ class Space:
         first, second, count = words
         contact = CONTACT.unpack_from(numbers, CONTACT.size * row)
         nx, ny, ax, ay, bx, by = contact[2:8]
+        # A circle touches on the line from its centre along the normal: another point
+        # shows a wrong normal.
         for owner, x, y in ((first, bx, by), (second, ax, ay)):
             circle = self._circles.get(owner)
             if circle is not None:
@@ -413,6 +415,7 @@ class Space:
             arm = arbiter.contacts[0].r2
         nx = arbiter.n.x
         ny = arbiter.n.y
+        # Distance of the corner from the line through the centre along the normal.
         aside = nx * (pose[1] + arm.y - center[1]) - ny * (pose[0] + arm.x - center[0])
         if abs(aside) < LEAST_ASIDE * circle.reach:
             return False
@@ -420,6 +423,7 @@ class Space:
             step = NUDGE
         else:
             step = -NUDGE
+        # Only dynamic bodies can move out of the way.
         owner = circle.owner
         if owner not in self._dynamic:
             owner = other.owner

@@ -137,6 +137,7 @@ def simulate_ensemble(
     world = compiled_scene.world
     doubts = uncertain_values(scene, variant)
     values = draw_values(doubts, seed, count)
+    # Outcomes need far fewer samples than a video.
     times = np.linspace(0, world.duration, max(ceil(world.duration * RATE), 2) + 1)
     stored_samples = _stored_samples(len(times))
     # A scene with invalid values of its own raises an error here.

@@ -33,6 +33,7 @@ def world_on_wheels(world: World) -> World:
     wheels = worlds_wheels(world)
     if not wheels:
         return world
+    # The chassis loses the mass of its wheels, which become bodies of their own.
     bodies = [_chassis(body) if body.wheels else body for body in world.bodies]
     joints = list(world.joints)
     for k, wheel in wheels:
@@ -105,6 +106,7 @@ def fold_wheels(trajectory: Trajectory, world: World) -> Trajectory:
         return trajectory
     count = len(world.bodies)
     owners = np.array([k for k, _ in wheels], np.int32)
+    # A wheel's turn counts relative to its vehicle.
     angles = trajectory.poses[:, :, 2]
     return replace(
         trajectory,

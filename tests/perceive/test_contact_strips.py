@@ -5,13 +5,12 @@ import numpy as np
 from physgen.perceive.inpaint.contact_strips import contact_strips, shaded_islands
 from physgen.perceive.inpaint.poisson import with_rim
 
-H, W = 200, 300
-Y, X = np.mgrid[:H, :W]
+Y, X = np.mgrid[:200, :300]
 
 
 def ground() -> np.ndarray:
     """Return a light ground with a little grain."""
-    grain = np.random.default_rng(1).normal(0, 3, (H, W, 1))
+    grain = np.random.default_rng(1).normal(0, 3, (200, 300, 1))
     return np.clip(180 + grain, 0, 255).repeat(3, axis=2).astype(np.uint8)
 
 

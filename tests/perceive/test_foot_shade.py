@@ -61,6 +61,13 @@ def nothing(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return np.zeros((*rows.shape, 3))
 
 
+def tray(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return a nearly black surface in place of a contact shadow."""
+    beside = np.exp(-(((columns - 160) / 52) ** 16))
+    depth = 5 * np.exp(-(((rows - FOOT) / 22) ** 8)) * beside * (rows >= FOOT)
+    return np.asarray(depth[..., None].repeat(3, axis=2))
+
+
 def carpet(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Return a darker surface from the foot to the photo's lower side."""
     return np.asarray((0.8 * (rows >= FOOT))[..., None].repeat(3, axis=2))
@@ -145,3 +152,10 @@ def test_order_of_objects_does_not_matter(gap: int) -> None:
     assert set(np.unique(result[1])) == {0, 1, 2}
     assert np.array_equal(result[0], swapped[0])
     assert np.array_equal(result[1], swapped[1])
+
+
+def test_black_surface_at_a_foot_is_no_shade() -> None:
+    rgb, labels, _ = drawing(tray)
+    assert found(rgb, labels) is None
+    rgb, labels, _ = drawing(at_foot)
+    assert found(rgb, labels) is not None

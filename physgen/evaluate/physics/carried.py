@@ -59,6 +59,7 @@ def _belt(draw: Draw) -> Case:
     speed = draw.number(80, 240, 0)
     way = np.array([cos(angle), sin(angle)])
     gain = mu * GRAVITY
+    # The way of the puck until it has the belt's speed.
     reach = speed**2 / (2 * gain)
     time = speed / gain
     puck = circle(MIDDLE, draw.number(12, 24), mass=mass, friction=mu)

@@ -95,6 +95,7 @@ def _polygon(draw: Draw, corners: int, radius: float) -> list[list[float]]:
     """Return corners of a convex polygon: uneven angles on a circle about the
     origin.
     """
+    # Uneven steps around the circle give an irregular convex polygon.
     steps = np.array([draw.number(0.6, 1.4) for _ in range(corners)])
     angles = np.cumsum(steps) / steps.sum() * 2 * np.pi
     outline = []
@@ -127,6 +128,7 @@ def _momenta(draw: Draw) -> list[Case]:
     surface = {"friction": draw.number(0.2, 0.8), "elasticity": draw.number(0.1, 1.0)}
     shapes = _draw_shapes(draw)
     first = draw.index % 4
+    # Each draw pairs other shapes.
     second = (draw.index + 1 + draw.index // 4) % 4
     angle = draw.angle()
     speed = draw.number(150, 300, 0)

@@ -164,6 +164,7 @@ def _pushes(draw: Draw) -> list[Case]:
         objects[name] = box(block.center, block.size, block.tilt, mass=block.mass)
         push, gains[name] = push_block(draw, block)
         forces.append({"object": name, **push})
+    # The force at a moving point acts for the whole duration, and needs no start.
     name = "ridden"
     block = _Block.random(draw, len(_PUSHES))
     objects[name] = box(block.center, block.size, block.tilt, mass=block.mass)

@@ -217,6 +217,7 @@ def _oblique(draw: Draw) -> list[Case]:
         angle = draw.angle()
         speed = draw.number(250, 400, 0)
         radius = draw.number(10, 20)
+        # The offset is a part of the sum of both radii: the balls always meet.
         offset = draw.sign() * 2 * radius * draw.number(0.15, 0.85)
         ball = {"mass": draw.mass(), "friction": 0.0, "elasticity": 1.0}
         start = place_along(center, angle, -90, offset)

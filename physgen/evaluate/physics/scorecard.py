@@ -153,6 +153,7 @@ class Run:
         second = contacts.surfaces.index(giver)
         samples, surfaces, partners = contacts.impulse_rows.T
         times = self.trajectory.times[samples]
+        # Both directions of a pair are recorded with opposite signs.
         is_after = times > begin + TIME_TOLERANCE
         is_before = times < end + TIME_TOLERANCE
         is_inside = is_after & is_before
@@ -348,6 +349,7 @@ def run_draw(
         if case.label:
             place = f"{place}, {case.label}"
         for name, value in errors.items():
+            # The place of the largest error leads to the scene to look at.
             candidate = LargestError(float(value), place)
             if name not in largest or candidate.size > largest[name].size:
                 largest[name] = candidate

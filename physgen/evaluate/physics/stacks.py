@@ -137,6 +137,7 @@ def _dominoes(draw: Draw) -> list[Case]:
         tilt = 0.0
         if k == 1:
             corner = 40.0 + distance + thickness / 2, floor_y
+            # The first domino stands on its lower right corner.
             center = _leaning_center(corner, (thickness, height), lean)
             tilt = degrees(lean)
         objects[f"domino-{k}"] = box(

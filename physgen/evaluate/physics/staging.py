@@ -48,6 +48,7 @@ def scene(
     slowed down to it.
     """
     duration = round_up(duration)
+    # Slow motion keeps the physics and makes the video watchable.
     if duration < MIN_VIDEO_TIME:
         frames = round(MIN_VIDEO_TIME * FRAME_RATE)
         sections["render"] = {"fps": FRAME_RATE, "frames": frames}

@@ -62,6 +62,7 @@ def _conveyor(draw: Draw) -> list[Case]:
     belt = segment((20, 260), (620, 260), friction=mu, conveyor=side * speed)
     pull = mu * GRAVITY
     time = speed / (mu * GRAVITY)
+    # The way of the parcel until it has the belt's speed.
     distance = speed**2 / (2 * pull)
 
     measure = partial(

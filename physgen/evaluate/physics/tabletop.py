@@ -57,6 +57,7 @@ def _rack(distance: float) -> Iterator[tuple[int, int, tuple[float, float]]]:
 
 def _break(draw: Draw) -> list[Case]:
     """Return the case of a cue ball against a rack of 15 on its axis."""
+    # Racks from photos overlap a little, and exact ones touch.
     overlap = 0.5
     if draw.index in (0, 3):
         overlap = 0.0
@@ -78,6 +79,7 @@ def _break(draw: Draw) -> list[Case]:
     for row, k, center in _rack(2 * radius - overlap):
         name = f"ball-{row}-{k}"
         objects[name] = circle(center, radius, **ball)
+        # Ball k from the left mirrors ball k from the right of its row.
         mirror_pairs.append((name, f"ball-{row}-{row + 1 - k}"))
     world = _table(0.2 if has_friction else 0.0)
     document = scene((1000, 600), 1.0, objects, world=world)

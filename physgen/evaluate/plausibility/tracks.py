@@ -263,6 +263,7 @@ def _passing_pairs(world: World) -> frozenset[tuple[int, int]]:
     found = []
     for pair in combinations(range(len(world.bodies)), 2):
         one, other = (world.bodies[k].passage for k in pair)
+        # Both sides must allow a contact.
         meets = one.group & other.collides_with and other.group & one.collides_with
         if not meets or one.one_way or other.one_way:
             found.append(pair)
@@ -274,6 +275,7 @@ def _bumped_bodies(world: World) -> frozenset[int]:
     factors = [surface.elasticity for _, surface in world.surfaces]
     found = set()
     for k in range(len(world.bodies)):
+        # A pair's elasticity is the product of both factors.
         others = factors[:k] + factors[k + 1 :]
         if factors[k] * max(others, default=0.0) > 1:
             found.add(k)
@@ -285,6 +287,7 @@ def _outline(body: Body) -> Outline:
         return disc(body.radius)
     angles = np.linspace(0.0, np.pi, WIDTH_DIRECTIONS, endpoint=False)
     directions = np.stack([np.cos(angles), np.sin(angles)])
+    # The width is the smallest extent over all directions.
     projections = np.concatenate(body.pieces) @ directions
     width = float(np.ptp(projections, axis=0).min())
     return Outline(body.reach, width, body.pieces)
@@ -294,6 +297,7 @@ def _guided_bodies(world: World) -> frozenset[int]:
     """Return the bodies under more than gravity and contacts."""
     bodies: set[int] = set()
     for k, body in enumerate(world.bodies):
+        # A push, a field or a joint also moves a body by more than gravity.
         is_scripted = body.motion is not Motion.DYNAMIC
         is_scripted |= body.damping > 0 or body.gravity_scale != 1
         is_scripted |= has_ramp(body)
@@ -315,6 +319,7 @@ def _has_extra_spin(body: Body) -> bool:
     """
     if body.solid is not Solid.SPHERE or body.radius is None or not np.any(body.roll):
         return False
+    # Rolling without slip, the velocity follows from the roll.
     roll_velocity = body.radius * np.array([-body.roll[1], body.roll[0]])
     tolerance = 1e-6 * np.abs(body.velocity).max(initial=1.0)
     return not np.allclose(roll_velocity, body.velocity, rtol=0, atol=tolerance)
@@ -344,6 +349,7 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
     rows = [_parse_row(path, number, line) for number, line in enumerate(lines, 2)]
     owners = [line.get("name") or "body" for line in lines]
     names = tuple(sorted(set(owners), key=natural))
+    # Frames may begin at any number and may have gaps.
     frames = [row["frame"] for row in rows]
     first_frame = min(frames)
     count = int(max(frames) - first_frame) + 1

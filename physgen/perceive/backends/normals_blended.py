@@ -362,10 +362,13 @@ def _ellipse_likeness(mask: Mask) -> float:
     if len(rows) < 12:
         return 0.0
     spread = np.cov(np.stack([columns, rows]))
-    grid = np.stack(np.meshgrid(np.arange(mask.shape[1]), np.arange(mask.shape[0])), -1)
+    height, width = mask.shape
+    grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1)
     offsets = grid - [columns.mean(), rows.mean()]
-    inside = np.einsum("hwi,ij,hwj->hw", offsets, np.linalg.pinv(spread), offsets) <= 4
-    return _iou(inside, mask)
+    # The border of an ellipse lies at two standard deviations.
+    inverse = np.linalg.pinv(spread)
+    squared_deviations = np.einsum("hwi,ij,hwj->hw", offsets, inverse, offsets)
+    return _iou(squared_deviations <= 4, mask)
 
 
 def _flat_face(mask: Mask) -> F32:
@@ -459,7 +462,8 @@ def turned_tilts(mask: Mask) -> F32:
     """
     rows = np.flatnonzero(mask.any(axis=1))
     left = mask.argmax(axis=1)[rows].astype(np.float32)
-    right = mask.shape[1] - 1 - mask[:, ::-1].argmax(axis=1)[rows].astype(np.float32)
+    from_right = mask[:, ::-1].argmax(axis=1)[rows].astype(np.float32)
+    right = mask.shape[1] - 1 - from_right
     all_rows = np.arange(mask.shape[0])
     middle = np.interp(all_rows, rows, (left + right) / 2).astype(np.float32)
     half_width = np.interp(all_rows, rows, (right - left + 1) / 2).astype(np.float32)
@@ -500,7 +504,9 @@ def cushion_tilts(mask: Mask) -> F32:
     bowl = ((x - w / 2) ** 2 + (y - h / 2) ** 2)[..., None]
     height = (harmonic_fill(bowl, np.pad(mask, 1), 0.1) - bowl)[..., 0]
     gy, gx = np.gradient(height)
-    maps = np.stack([-gx / 2, -gy / 2, np.sqrt(np.maximum(height, 0))], -1)[1:-1, 1:-1]
+    upward = np.sqrt(np.maximum(height, 0))
+    padded_maps = np.stack([-gx / 2, -gy / 2, upward], -1)
+    maps = padded_maps[1:-1, 1:-1]
     length = np.maximum(np.linalg.norm(maps, axis=2, keepdims=True), 1e-6)
     return np.asarray((maps / length)[..., :2], np.float32)
 

@@ -58,7 +58,7 @@ class KnownSurroundings:
     """
 
     picture: F32
-    blocked: Mask
+    blocked_mask: Mask
     tensor: tuple[F32, F32, F32]
 
     @classmethod
@@ -125,7 +125,7 @@ def border_ends(known: KnownSurroundings, piece: Mask) -> Iterator[BorderEnd]:
             crossings.left[index],
             crossings.right[index],
             float(crossings.contrasts[index]),
-            border_profile(known.picture, known.blocked, position, direction),
+            border_profile(known.picture, known.blocked_mask, position, direction),
         )
 
 
@@ -145,7 +145,7 @@ def _trace_contour(known: KnownSurroundings, piece: Mask) -> _Contour:
     x, y = path.astype(int).T
     inside = (x >= 2) & (y >= 2) & (x < w - 2) & (y < h - 2)
     pixels = np.stack([np.clip(y, 0, h - 1), np.clip(x, 0, w - 1)])
-    usable_places = inside & ~known.blocked[pixels[0], pixels[1]]
+    usable_places = inside & ~known.blocked_mask[pixels[0], pixels[1]]
     # The blurred distance to the piece gives the inward normal.
     inward = cv2.GaussianBlur(padded_piece.astype(np.float32), (0, 0), OFFSET)
     normals = [
@@ -200,7 +200,7 @@ def _mean_side(
     steps = np.arange(2, SIDE + 1)
     x = path[:, 0, None] + turn * directions[1][:, None] * steps
     y = path[:, 1, None] - turn * directions[0][:, None] * steps
-    colours, legal = _sample_known_colours(known.picture, known.blocked, x, y)
+    colours, legal = _sample_known_colours(known.picture, known.blocked_mask, x, y)
     sums = (colours * legal[:, :, None]).sum(1)
     means = sums / np.maximum(legal.sum(1), 1)[:, None]
     return means, legal.sum(1) >= LEAST_SAMPLES
@@ -217,7 +217,7 @@ def _find_peaks(scores: F64) -> Iterator[int]:
 
 def _move_to_steepest(known: KnownSurroundings, place: F64, direction: F64) -> F64:
     """Return `place` moved across its edge to the steepest change of colour."""
-    profile = border_profile(known.picture, known.blocked, place, direction)
+    profile = border_profile(known.picture, known.blocked_mask, place, direction)
     slope = np.linalg.norm(profile[4:] - profile[:-4], axis=1)[2:-2]
     if np.isnan(slope).all():
         shift = 0

@@ -31,7 +31,7 @@ class _Tuning:
     # height.
     legs: float = 0.3
     # Largest share of the ground's light in a contact shadow.
-    dark: float = 0.45
+    shadow_light: float = 0.45
     # Quantile of the ground's light reached by its dark grains ...
     low: float = 0.1
     # ... and the share of that quantile below which a pixel is shadow.
@@ -41,19 +41,19 @@ class _Tuning:
     # px of ground that must be visible.
     fewest: int = 30
     # px: standard deviation of the blur against grain.
-    smooth: float = 1.0
+    blur_width: float = 1.0
     # px: least area of an object.
     smallest: int = 100
     # Largest area of a strip over the object's; a larger dark region is another
     # surface.
-    most: float = 0.4
+    largest_area: float = 0.4
     # Largest share of a strip's outline at which the dark region continues below or
     # beside the searched surroundings. In 79 labelled photos of COCO, the largest share
     # of a shadow is 0.39, and all strips above are other surfaces, e.g. a hedge.
     longest: float = 0.4
     # Largest light of an island of ground between an object and its strips, over that
     # of the ground around the strips.
-    shaded: float = 0.8
+    island_light: float = 0.8
 
 
 TUNING = _Tuning()
@@ -64,17 +64,50 @@ def contact_strips(photo: Rgb, hole: Mask) -> Mask:
     3).
     """
     result = np.zeros_like(hole)
+    for piece, dark_strip in _dark_strips(photo, hole):
+        shadow = dark_strip.ending_parts()
+        if shadow.sum() < TUNING.largest_area * piece.sum():
+            result |= shadow
+    return result & ~hole
+
+
+@dataclass(frozen=True, eq=False)
+class _DarkStrip:
+    """Dark pixels at the foot of an object, (H, W)."""
+
+    strip: Mask
+    """In the surroundings of the foot and connected to the object."""
+    dark_mask: Mask
+    """Below the highest row of the surroundings."""
+    ground: Mask
+
+    def ending_parts(self) -> Mask:
+        """Return the connected parts of the strip that end on lighter ground.
+
+        A dark region that continues outside the surroundings is another surface.
+        """
+        count, names = cv2.connectedComponents(self.strip.view(np.uint8))
+        cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+        beside_dark, beside_ground = (
+            cv2.dilate(mask.view(np.uint8), cross) > 0
+            for mask in (self.dark_mask & ~self.strip, self.ground)
+        )
+        continued = np.bincount(names[beside_dark], minlength=count)
+        outline = np.bincount(names[beside_dark | beside_ground], minlength=count)
+        is_ending = continued <= TUNING.longest * outline
+        return np.asarray(self.strip & is_ending[names])
+
+
+def _dark_strips(photo: Rgb, hole: Mask) -> Iterator[tuple[Mask, _DarkStrip]]:
+    """Yield the connected pieces of `hole` (H, W), each with its dark strip."""
     light = luminance(decode(photo)).astype(np.float32)
     known_weights = (~hole).astype(np.float32)
-    share = np.maximum(cv2.GaussianBlur(known_weights, (0, 0), TUNING.smooth), 1e-3)
-    sums = cv2.GaussianBlur(light * known_weights, (0, 0), TUNING.smooth)
+    share = np.maximum(cv2.GaussianBlur(known_weights, (0, 0), TUNING.blur_width), 1e-3)
+    sums = cv2.GaussianBlur(light * known_weights, (0, 0), TUNING.blur_width)
     light = np.asarray(sums / share, np.float32)
     reach = max(2, round(TUNING.reach * max(hole.shape)))
     for piece, box in _objects(hole):
-        strip = _strip(light, hole, piece, box, reach)
-        if strip.sum() < TUNING.most * piece.sum():
-            result |= strip
-    return result & ~hole
+        yield piece, _strip(light, hole, piece, box, reach)
 
 
 def _objects(hole: Mask) -> Iterator[tuple[Mask, tuple[int, int, int, int]]]:
@@ -90,46 +123,34 @@ def _objects(hole: Mask) -> Iterator[tuple[Mask, tuple[int, int, int, int]]]:
 
 def _strip(
     light: F32, hole: Mask, piece: Mask, box: tuple[int, int, int, int], reach: int
-) -> Mask:
+) -> _DarkStrip:
     """Return dark pixels (H, W) around the foot of one `piece` and connected to it."""
-    left, top, width, height = box
-    foot = top + height
-    room = np.zeros_like(hole)
-    rows = slice(foot - int(TUNING.legs * height), foot + reach)
-    room[rows, max(0, left - reach) : left + width + reach] = True
-    lower = np.arange(len(hole))[:, None] >= rows.start
-    # A contact shadow lies under the object or directly beside it.
-    mask_below = np.maximum.accumulate(piece, axis=0)
-    size = 2 * reach + 1
-    mask_beside = (
-        cv2.dilate(piece.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
-    )
-    room &= (mask_below | mask_beside) & ~hole
-    dark = ~hole & (light < _darkest_ground(light, hole, box, reach))
-    shadow = room & dark
+    dark_mask = ~hole & (light < _darkest_ground(light, hole, box, reach))
+    shadow = _foot_surroundings(piece, box, reach) & dark_mask
     _, names = cv2.connectedComponents(
         (shadow | piece).astype(np.uint8), connectivity=8
     )
     component_ids = np.unique(names[piece])
     strip = np.asarray(shadow & np.isin(names, component_ids[component_ids > 0]))
-    return _ending_parts(strip, dark & lower, ~dark & ~hole)
+    ground_mask = ~dark_mask & ~hole
+    dark_mask[: _highest_row(box)] = False
+    return _DarkStrip(strip, dark_mask, ground_mask)
 
 
-def _ending_parts(strip: Mask, dark: Mask, ground: Mask) -> Mask:
-    """Return the connected parts of `strip` (H, W) that end on lighter `ground` (H, W).
+def _foot_surroundings(piece: Mask, box: tuple[int, int, int, int], reach: int) -> Mask:
+    """Return the pixels (H, W) under a `piece` (H, W) or directly beside its foot."""
+    left, top, width, height = box
+    room = np.zeros_like(piece)
+    rows = slice(_highest_row(box), top + height + reach)
+    room[rows, max(0, left - reach) : left + width + reach] = True
+    mask_below = np.maximum.accumulate(piece, axis=0)
+    return room & (mask_below | _dilate(piece, reach))
 
-    A `dark` region (H, W) that continues outside the searched surroundings is another
-    surface.
-    """
-    count, names = cv2.connectedComponents(strip.astype(np.uint8), connectivity=8)
-    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-    beside_dark, beside_ground = (
-        cv2.dilate(mask.astype(np.uint8), cross) > 0 for mask in (dark & ~strip, ground)
-    )
-    continued = np.bincount(names[beside_dark], minlength=count)
-    outline = np.bincount(names[beside_dark | beside_ground], minlength=count)
-    ends = continued <= TUNING.longest * outline
-    return np.asarray(strip & ends[names])
+
+def _highest_row(box: tuple[int, int, int, int]) -> int:
+    """Return the highest row of the gaps between the wheels of an object."""
+    _, top, _, height = box
+    return max(0, top + height - int(TUNING.legs * height))
 
 
 def _darkest_ground(
@@ -156,7 +177,7 @@ def _darkest_ground(
             continue
         low, middle = np.quantile(light[ground], [TUNING.low, 0.5])
         if middle > TUNING.least_ground:
-            limits.append(min(TUNING.dark * middle, TUNING.below_low * low))
+            limits.append(min(TUNING.shadow_light * middle, TUNING.below_low * low))
     return float(min(limits, default=0.0))
 
 
@@ -182,8 +203,8 @@ def shaded_islands(photo: Rgb, hole: Mask, strips: Mask) -> Mask:
         if np.count_nonzero(island) > np.count_nonzero(closing):
             continue
         ground = _dilate(closing, reach) & free & ~island
-        usual = np.median(light[ground]) if ground.any() else 0.0
-        if np.median(light[island]) < TUNING.shaded * usual:
+        ground_light = np.median(light[ground]) if ground.any() else 0.0
+        if np.median(light[island]) < TUNING.island_light * ground_light:
             result |= island
     return result
 

@@ -55,7 +55,7 @@ class _Tuning:
     # ... and for the complete ring.
     whole_ring: int = 6
     # px: least distance between two offsets of one arc.
-    apart: int = 2
+    least_distance: int = 2
     # Weight of vertical relative to horizontal distance.
     height_weight: float = 2.0
 
@@ -269,7 +269,7 @@ def _matching_offsets(
         if costs[row, column] >= UNUSABLE:
             break
         result.append((int(row) - corner[0], int(column) - corner[1]))
-        radius = TUNING.apart
+        radius = TUNING.least_distance
         top, left = max(0, row - radius), max(0, column - radius)
         # Suppress offsets close to the chosen one.
         costs[top : row + radius + 1, left : column + radius + 1] = UNUSABLE

@@ -57,7 +57,7 @@ class _Matching:
     # Least contrast of a continued unmatched edge.
     unmatched_contrast: float = 50.0
     # Least contrast of an unmatched edge across the whole hole.
-    certain: float = 200.0
+    certain_contrast: float = 200.0
     # Largest difference between both ends on the more similar side of an edge.
     similar: float = 25.0
     # Largest doubt that two ends belong to one edge: colours, turns without an arc,
@@ -189,7 +189,7 @@ def _crossing_lines(
     ends: Sequence[BorderEnd], piece: Mask, drawn: Mask
 ) -> Iterator[BorderLine]:
     """Yield straight lines across the hole from ends with high contrast; draw them."""
-    strong_ends = [end for end in ends if end.contrast > MATCHING.certain]
+    strong_ends = [end for end in ends if end.contrast > MATCHING.certain_contrast]
     for end in sorted(strong_ends, key=lambda one: -one.contrast):
         path, inside = straight_path(end.place, end.direction, piece)
         path = path[: np.flatnonzero(np.append(True, inside))[-1]]
@@ -206,7 +206,7 @@ def _arcs(
     number = {id(end): index for index, end in enumerate(ends)}
     all_ends = _add_twins([end for end in ends if end.contrast > ARC_CONTRAST], known)
     edges = [
-        follow_edge(known.picture, known.blocked, end.place, -end.direction)
+        follow_edge(known.picture, known.blocked_mask, end.place, -end.direction)
         for end in all_ends
     ]
     used_indices: set[int] = set()
@@ -240,7 +240,9 @@ def _twin(end: BorderEnd, known: KnownSurroundings) -> BorderEnd | None:
     """Return the other edge of a painted line with the edge `end`, or None if it is
     wide.
     """
-    profile = border_profile(known.picture, known.blocked, end.place, end.direction)
+    profile = border_profile(
+        known.picture, known.blocked_mask, end.place, end.direction
+    )
     gap = profile[TWIN:] - profile[:-TWIN]
     middle = len(gap) // 2
     # The other edge has the opposite change of colour.
@@ -251,7 +253,9 @@ def _twin(end: BorderEnd, known: KnownSurroundings) -> BorderEnd | None:
         return None
     normal = np.array([-end.direction[1], end.direction[0]])
     place = end.place + step * normal
-    twin_profile = border_profile(known.picture, known.blocked, place, end.direction)
+    twin_profile = border_profile(
+        known.picture, known.blocked_mask, place, end.direction
+    )
     return BorderEnd(
         end.order,
         place,

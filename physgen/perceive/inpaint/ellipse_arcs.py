@@ -28,7 +28,7 @@ class _Tuning:
     # Search range on both sides of the expected position.
     search: float = 2.0
     # Distance from the edge to the compared colours.
-    across: float = 2.0
+    colour_distance: float = 2.0
     # Share of an end's contrast below which the edge ends.
     fade: float = 0.4
     # Largest number of steps from one end.
@@ -38,7 +38,7 @@ class _Tuning:
     # rad: least turn of each visible side; a straight one determines no ellipse.
     bend: float = 0.25
     # Largest ratio of the hidden to the visible turn.
-    hidden: float = 2.5
+    hidden_ratio: float = 2.5
     # rad from a straight line: for a flatter arc a cubic is as good.
     turn: float = 0.25
     # Largest RMS distance of the visible edge from the ellipse.
@@ -97,7 +97,9 @@ def _contrast(picture: F32, blocked: Mask, places: F64, direction: F64) -> F64:
     height, width = blocked.shape
     sides = []
     for sign in (1, -1):
-        x, y = np.round(places + sign * TUNING.across * normal).astype(np.int64).T
+        x, y = (
+            np.round(places + sign * TUNING.colour_distance * normal).astype(np.int64).T
+        )
         legal = (x >= 0) & (y >= 0) & (x < width) & (y < height)
         x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
         legal &= ~blocked[y, x]
@@ -133,7 +135,7 @@ def ellipse_arc(
     arc = ellipse.arc(start, end, directions[0])
     if not (_is_inside(arc, piece) and _is_tangent(arc, directions)):
         return None
-    return arc if _turning(arc) < TUNING.hidden * sum(bends) else None
+    return arc if _turning(arc) < TUNING.hidden_ratio * sum(bends) else None
 
 
 def _is_inside(arc: F64, piece: Mask) -> bool:

@@ -24,7 +24,7 @@ class _Tuning:
     # px: side of blocks with one source of grain.
     block: int = 16
     # Largest strength of grain over that around the hole; more is an edge.
-    most: float = 4.0
+    largest_strength: float = 4.0
     # px around the hole from which grain is measured.
     margin: int = 10
     # Least and largest factor of the fill's grain.
@@ -53,7 +53,7 @@ def add_grain(guess: F32, picture: F32, hole: Mask, field: NDArray[np.int64]) ->
         for rows, columns in (field[y, x].T, _in_blocks(field, hole).T)
     )
     strongest = np.maximum(np.abs(fill_grain), np.abs(block_grain)).max(axis=1)
-    is_grain = strongest < TUNING.most * ring_strength
+    is_grain = strongest < TUNING.largest_strength * ring_strength
     fill_grain = np.where(is_grain[:, None], block_grain, fill_grain)
     inside = _grain_strength(fill_grain)
     if ring_strength > 0 and inside > 0:

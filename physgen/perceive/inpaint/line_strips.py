@@ -44,9 +44,9 @@ class _Tuning:
     # Least visible length at each end ...
     visible: float = 24.0
     # ... and the largest distance of that part from a straight line.
-    bent: float = 1.5
+    largest_bend: float = 1.5
     # Visible length that determines the direction.
-    measured: float = 48.0
+    direction_length: float = 48.0
     # rad: largest angle between the chord of both ends and each visible part.
     turn: float = 0.12
     # Largest difference of both ends over their mean contrast: on the more similar side
@@ -65,12 +65,12 @@ class _Tuning:
     # Width of plain ground between two edges of one structure.
     gap: int = 10
     # Width of the ground beside a line that is copied with it.
-    beside: int = 10
+    ground_width: int = 10
     # Levels, RMS: ground with more detail along the line, e.g. leaves beside a window,
     # is better copied as patches.
-    plain: float = 8.0
+    ground_detail: float = 8.0
     # Visible length that is copied.
-    copied: int = 120
+    copied_length: int = 120
     # Largest copied detail over its median, beside this many levels.
     outlier: float = 2.5
     least_detail: float = 2.0
@@ -86,9 +86,9 @@ class _Tuning:
     # Length of the blend between copies.
     blend: int = 8
     # Standard deviation of the blur across a line against grain.
-    smooth: float = 1.0
+    blur_width: float = 1.0
     # Largest distance of the same edge at both ends from their line.
-    misplaced: float = 4.0
+    edge_shift: float = 4.0
 
 
 TUNING = _Tuning()
@@ -193,16 +193,16 @@ def _similar(a: BorderEnd, b: BorderEnd) -> bool:
 
 def _visible_direction(end: BorderEnd, known: KnownSurroundings) -> F64 | None:
     """Return the direction into the hole of a straight visible line, else None."""
-    points = follow_edge(known.picture, known.blocked, end.place, -end.direction)
+    points = follow_edge(known.picture, known.blocked_mask, end.place, -end.direction)
     lengths = np.hypot(*(points - points[0]).T)
-    points = points[lengths <= TUNING.measured]
+    points = points[lengths <= TUNING.direction_length]
     if lengths.max() < TUNING.visible:
         return None
     center = points.mean(axis=0)
     _, _, axes = np.linalg.svd(points - center)
     direction: F64 = axes[0]
     distances = np.abs((points - center) @ axes[1])
-    if distances.max() > TUNING.bent:
+    if distances.max() > TUNING.largest_bend:
         return None
     return direction if direction @ end.direction > 0 else -direction
 
@@ -235,7 +235,7 @@ class _Strip:
 
     colours: F32
     """(n, m, 3): row along the line, column across it."""
-    known: Mask
+    known_mask: Mask
     """(n, m)."""
     center: F64
     """(n, 2): x, y of the line at each row."""
@@ -252,11 +252,11 @@ class _Strip:
         hole departs from the line.
         """
         colours = self.colours.copy()
-        is_set = np.zeros(self.known.shape, np.bool_)
+        is_set = np.zeros(self.known_mask.shape, np.bool_)
         share, structure = self._shares()
         departures = []
         for column in np.flatnonzero(share > 0).tolist():
-            for first, last in _unknown_runs(self.known[:, column]):
+            for first, last in _unknown_runs(self.known_mask[:, column]):
                 run = self._continue_column(column, first, last)
                 if run is not None:
                     colours[first:last, column], departure = run
@@ -268,14 +268,16 @@ class _Strip:
         if not departures or _share_above(departures) > TUNING.departing:
             return None
         inner = slice(self.outside, len(colours) - self.outside)
-        self._close_gaps(colours[inner], is_set[inner], self.known[inner], share > 0)
+        self._close_gaps(
+            colours[inner], is_set[inner], self.known_mask[inner], share > 0
+        )
         return colours, np.where(is_set, share, np.float32(0))
 
     def _close_gaps(
         self, colours: F32, is_set: Mask, known: Mask, columns: Mask
     ) -> None:
         """Fill unknown pixels of `columns` (m,) from neighbouring columns, in place."""
-        size = 2 * round(TUNING.misplaced * self.scale) + 1, 1
+        size = 2 * round(TUNING.edge_shift * self.scale) + 1, 1
         weights = is_set.astype(np.float32)
         total = cv2.blur(weights, size)[..., None]
         sums = cv2.blur(colours * weights[..., None], size)
@@ -314,8 +316,8 @@ class _Strip:
         """Return the known colours (n, 3) before and after a run, from the run
         outwards.
         """
-        values, known_rows = self.colours[:, column], self.known[:, column]
-        count = round(TUNING.copied * self.scale)
+        values, known_rows = self.colours[:, column], self.known_mask[:, column]
+        count = round(TUNING.copied_length * self.scale)
         before = _known_run(values[:first][::-1], known_rows[:first][::-1])
         after = _known_run(values[last:], known_rows[last:])
         return before[:count], after[:count]
@@ -325,15 +327,15 @@ class _Strip:
 
         The weight is 1 in the structure and 0 beyond its sides.
         """
-        reach = np.ones(2 * round(TUNING.misplaced * self.scale) + 1)
+        reach = np.ones(2 * round(TUNING.edge_shift * self.scale) + 1)
         changes = [
             np.convolve(self._change(profile), reach, mode="same") > 0
             for profile in self.profiles
         ]
         # Both ends show the structure, perhaps displaced by a few px.
         structure = np.flatnonzero(changes[0] & changes[1])
-        middle = self.known.shape[1] // 2
-        share = np.zeros(self.known.shape[1], np.float32)
+        middle = self.known_mask.shape[1] // 2
+        share = np.zeros(self.known_mask.shape[1], np.float32)
         if not len(structure):
             return share, share > 0
         gap = round(TUNING.gap * self.scale)
@@ -342,14 +344,14 @@ class _Strip:
         distance = np.arange(len(share))
         distance = np.maximum(group[0] - distance, distance - group[-1])
         # The outer half of the ground beside the structure is blended.
-        margin = TUNING.beside * self.scale
+        margin = TUNING.ground_width * self.scale
         share = np.clip(2 - 2 * distance / margin, 0, 1)
         share *= self._plainness()
         return np.asarray(share, np.float32), distance <= 0
 
     def _plainness(self) -> F64:
         """Return weights (m,): 1 in the line, lower from the first busy column on."""
-        visible = self.known.astype(np.float32)[..., None]
+        visible = self.known_mask.astype(np.float32)[..., None]
         visible[self.outside : len(visible) - self.outside] = 0
         size = 1, round(TUNING.mean * self.scale)
         total = cv2.blur(visible, size, borderType=cv2.BORDER_CONSTANT)[..., None]
@@ -357,8 +359,8 @@ class _Strip:
         detail = (self.colours - sums / np.maximum(total, KNOWN_ERROR)) * visible
         counts = np.maximum(visible.sum(axis=(0, 2)), 1)
         levels = np.sqrt((detail**2).mean(axis=2).sum(axis=0) / counts)
-        weights = np.clip(2 - levels / TUNING.plain, 0, 1)
-        middle, half_width = len(weights) // 2, round(TUNING.misplaced * self.scale)
+        weights = np.clip(2 - levels / TUNING.ground_detail, 0, 1)
+        middle, half_width = len(weights) // 2, round(TUNING.edge_shift * self.scale)
         weights[middle - half_width : middle + half_width + 1] = 1
         weights[middle:] = np.minimum.accumulate(weights[middle:])
         weights[middle::-1] = np.minimum.accumulate(weights[middle::-1])
@@ -367,13 +369,13 @@ class _Strip:
     def _change(self, profile: F32) -> Mask:
         """Return the columns (m,) with an edge along the line."""
         smooth_profile = cv2.GaussianBlur(
-            profile[None], (0, 0), TUNING.smooth * self.scale
+            profile[None], (0, 0), TUNING.blur_width * self.scale
         )[0]
         change = (
             np.linalg.norm(np.gradient(smooth_profile, axis=0), axis=1) * self.scale
         )
         middle = len(change) // 2
-        half_width = round(TUNING.misplaced * self.scale)
+        half_width = round(TUNING.edge_shift * self.scale)
         largest = change[middle - half_width : middle + half_width + 1].max()
         limit = max(TUNING.least_gradient, TUNING.gradient * largest)
         return np.asarray(change > limit)
@@ -387,7 +389,7 @@ class _Strip:
         nearest = np.clip(np.rint(place).astype(int), 0, len(self.center) - 1)
         offset = pixels - self.center[nearest]
         normal = self.normal[nearest]
-        column_places = (offset * normal).sum(axis=1) + self.known.shape[1] // 2
+        column_places = (offset * normal).sum(axis=1) + self.known_mask.shape[1] // 2
         row_places = nearest + offset[:, 0] * normal[:, 1] - offset[:, 1] * normal[:, 0]
         return column_places, row_places
 
@@ -399,7 +401,7 @@ class _Strip:
 
     def _profile(self, rows: slice) -> F32:
         """Return the mean colours (m, 3) across the line on visible rows."""
-        weights = self.known[rows].astype(np.float32)[..., None]
+        weights = self.known_mask[rows].astype(np.float32)[..., None]
         total = weights.sum(axis=0)
         sums = (self.colours[rows] * weights).sum(axis=0)
         return np.asarray(sums / np.maximum(total, 1), np.float32)
@@ -407,7 +409,7 @@ class _Strip:
 
 def _straighten(photo: F32, hole: Mask, line: CertainLine, scale: float) -> _Strip:
     """Return the strip around a line."""
-    outside = round(TUNING.copied * scale)
+    outside = round(TUNING.copied_length * scale)
     center = _center_line(line, outside)
     half_width = round(TUNING.search * scale)
     tangent = np.gradient(center, axis=0)
@@ -454,7 +456,7 @@ def _blend_strip(
 
     `colours` (n, m, 3) and `weights` (n, m) belong to the straightened strip.
     """
-    half_width = strip.known.shape[1] // 2
+    half_width = strip.known_mask.shape[1] // 2
     low = np.maximum(np.floor(strip.center.min(axis=0)).astype(int) - half_width, 0)
     high = np.ceil(strip.center.max(axis=0)).astype(int) + half_width + 1
     box = np.s_[low[1] : high[1], low[0] : high[0]]

@@ -24,7 +24,7 @@ class _Limits:
     # Largest share of the pixels beside an odd piece with less excess.
     like: float = 0.1
     # px: narrower pieces may be edges rather than texture.
-    narrow: int = 3
+    least_width: int = 3
 
 
 LIMITS = _Limits()
@@ -39,34 +39,43 @@ def replace_odd_pieces(
     surroundings, e.g. near boards among distant ones. There the guide is better.
     """
     guide = len(offsets)
-    composed = _compose_texture(labels, offsets, photo)
+    texture = _compose_texture(labels, offsets, photo)
     result = labels.copy()
-    square = np.ones((LIMITS.narrow, LIMITS.narrow), np.uint8)
     for piece in _pieces(labels, guide):
-        ring = (cv2.dilate(piece.view(np.uint8), np.ones((3, 3))) > 0) & ~piece
-        if not (cv2.erode(piece.view(np.uint8), square).any() and ring.any()):
-            continue
-        own = np.median(composed[piece], axis=0)
-        around = composed[ring]
-        excess = (own - around).mean(axis=1)
-        if (excess < LIMITS.coarser).mean() > LIMITS.like:
-            continue
-        usual = np.median(around, axis=0)
-        guide_gap = np.abs(np.median(photo.texture[piece], axis=0) - usual).mean()
-        if guide_gap < np.abs(own - usual).mean():
+        if _is_odd(piece, texture, photo.texture):
             result[piece] = guide
     return result
+
+
+def _is_odd(piece: Mask, composed: F32, guide: F32) -> bool:
+    """Return whether a piece (h, w) is coarser than all around it in the texture
+    `composed` (h, w, c), and more unlike it than the texture of the `guide` (h, w, c).
+    """
+    square = np.ones((LIMITS.least_width, LIMITS.least_width), np.uint8)
+    ring = (cv2.dilate(piece.view(np.uint8), np.ones((3, 3))) > 0) & ~piece
+    if not (cv2.erode(piece.view(np.uint8), square).any() and ring.any()):
+        return False
+    piece_texture, ring_texture = np.median(composed[piece], axis=0), composed[ring]
+    excess = (piece_texture - ring_texture).mean(axis=1)
+    if (excess < LIMITS.coarser).mean() > LIMITS.like:
+        return False
+    guide_texture = np.median(guide[piece], axis=0)
+    gap, guide_gap = (
+        float(np.abs(texture - np.median(ring_texture, axis=0)).mean())
+        for texture in (piece_texture, guide_texture)
+    )
+    return guide_gap < gap
 
 
 def _compose_texture(
     labels: NDArray[np.int64], offsets: Offsets, photo: ReducedPhoto
 ) -> F32:
     """Return the texture (h, w, c) that `labels` (h, w) copy."""
-    composed = photo.texture.copy()
+    texture = photo.texture.copy()
     rows, columns = np.nonzero((labels >= 0) & (labels < len(offsets)))
     down, right = offsets[labels[rows, columns]].T
-    composed[rows, columns] = photo.texture[rows + down, columns + right]
-    return composed
+    texture[rows, columns] = photo.texture[rows + down, columns + right]
+    return texture
 
 
 def _pieces(labels: NDArray[np.int64], guide: int) -> Iterator[Mask]:

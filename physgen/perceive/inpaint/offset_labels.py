@@ -41,9 +41,9 @@ class _Costs:
     # Limit of that squared logarithm.
     contrast_most: float = 6.0
     # Cost of an offset as long as the picture.
-    far: float = 30.0
+    distance: float = 30.0
     # Factor of the difference between a source and the patch most similar to it ...
-    rare: float = 0.25
+    rarity: float = 0.25
     # ... up to this difference.
     rarest: float = 2000.0
     # Cost of the guide, used only without a usable offset.
@@ -73,7 +73,7 @@ class ReducedPhoto:
     guide: F32
     hole: Mask
     # The hole, and other pixels that must not be copied.
-    blocked: Mask
+    blocked_mask: Mask
     # Logarithm of mean squared fine detail; that of the guide in blocked pixels.
     contrast: F32
     # Squared difference of a patch from the most similar other one.
@@ -130,8 +130,8 @@ class OffsetLabels:
         """
         photo, sources = self.photo, self._sources()
         costs = self._guide_costs(sources) + COSTS.rim * self._rim_costs()
-        costs += COSTS.far * offset_cost(self.offsets, photo.hole.shape)
-        costs += COSTS.rare * np.minimum(photo.rarity, COSTS.rarest)[sources]
+        costs += COSTS.distance * offset_cost(self.offsets, photo.hole.shape)
+        costs += COSTS.rarity * np.minimum(photo.rarity, COSTS.rarest)[sources]
         costs[~self._usable(sources)] = COSTS.unusable
         guide = np.full_like(costs[..., :1], COSTS.keep)
         costs = np.concatenate([costs, guide], axis=2)
@@ -146,7 +146,7 @@ class OffsetLabels:
         height, width = self.photo.hole.shape
         # Slopes next to a hole are unknown, too.
         blocked_slopes = (
-            cv2.dilate(self.photo.blocked.astype(np.uint8), np.ones((3, 3))) > 0
+            cv2.dilate(self.photo.blocked_mask.astype(np.uint8), np.ones((3, 3))) > 0
         )
         blocked_slopes[[0, -1]] = blocked_slopes[:, [0, -1]] = True
         rows, columns = (
@@ -161,7 +161,7 @@ class OffsetLabels:
         colours.
         """
         blurred_sources = _known_blur(
-            self.photo.picture, self.photo.blocked, COSTS.guide_blur
+            self.photo.picture, self.photo.blocked_mask, COSTS.guide_blur
         )
         aim = cv2.GaussianBlur(self.photo.guide, (0, 0), COSTS.guide_blur)[self.box]
         gap = ((blurred_sources[sources] - aim[:, :, None]) ** 2).sum(axis=-1)
@@ -172,7 +172,7 @@ class OffsetLabels:
         texture.
         """
         photo = self.photo
-        known_weights = (~photo.blocked).astype(np.float32)
+        known_weights = (~photo.blocked_mask).astype(np.float32)
         total, weights = np.zeros_like(known_weights), np.zeros_like(known_weights)
         # Wide blurs have small weights and count only if no contrast is known nearby.
         for sigma, gain in EXPECTATION:
@@ -181,7 +181,7 @@ class OffsetLabels:
             )
             weights += gain * cv2.GaussianBlur(known_weights, (0, 0), sigma)
         expected_contrast = (total / np.maximum(weights, 1e-9))[self.box][..., None]
-        copies = _known_blur(photo.contrast, photo.blocked, 1.0)[sources]
+        copies = _known_blur(photo.contrast, photo.blocked_mask, 1.0)[sources]
         guide = cv2.GaussianBlur(photo.contrast, (0, 0), 1.0)[self.box][..., None]
         contrasts = np.concatenate([copies, guide], axis=2)
         gap = np.minimum((contrasts - expected_contrast) ** 2, COSTS.contrast_most)
@@ -199,7 +199,7 @@ class OffsetLabels:
             rows, columns = self.rows[..., 0] + down, self.columns[..., 0] + right
             known_mask = self.inside & (rows >= 0) & (rows < height)
             known_mask &= (columns >= 0) & (columns < width)
-            known_mask[known_mask] = ~photo.blocked[
+            known_mask[known_mask] = ~photo.blocked_mask[
                 rows[known_mask], columns[known_mask]
             ]
             if not known_mask.any():

@@ -27,11 +27,11 @@ class OutgrowthConstants:
     # px: longer side of an object's surroundings in the search.
     side: int = 224
     # Width of these surroundings over the object's size (root of its area).
-    around: float = 0.3
+    surroundings_width: float = 0.3
     # Largest distance of a part from the mask over the object's size.
     reach: float = 0.22
     # Least area of an object over the photo's; parts of smaller objects are too small.
-    least: float = 0.01
+    least_area: float = 0.01
     # Number of searched objects, the largest ones; more are a heap.
     objects: int = 5
     # Rounds of GrabCut after its first estimate.
@@ -47,17 +47,17 @@ class OutgrowthConstants:
     # Largest area of a part over the object's; more is similar background.
     part: float = 0.12
     # Largest area of all parts together over the object's.
-    every: float = 0.2
+    total_area: float = 0.2
     # Largest area of added parts over the object's.
-    attached: float = 0.06
+    added_area: float = 0.06
     # Reach of a part of the upper half, e.g. a rim, over the object's size.
-    thin: float = 0.05
+    rim_reach: float = 0.05
     # Largest extent over the reach: a longer region is similar background.
     longest: float = 0.9
     # px: width of the compared surroundings of a part.
     ring: int = 4
     # 8-bit levels: largest colour difference of a part's continuation.
-    alike: float = 45.0
+    continuation_difference: float = 45.0
     # Largest number of continuations of a part.
     continuations: int = 3
     # px at reduced size: largest width of a bright line across a part.
@@ -67,9 +67,9 @@ class OutgrowthConstants:
     # ... and the least ratio to the ground's gradient; shadows have less.
     clearer: float = 2.0
     # Least share of the border with this sharpness.
-    bordered: float = 0.7
+    border_share: float = 0.7
     # 8-bit levels: least difference between a part and the ground beside it.
-    unlike: float = 18.0
+    ground_difference: float = 18.0
 
 
 OUTGROWTHS = OutgrowthConstants()
@@ -97,7 +97,7 @@ def attach_outgrowths(photo: Rgb, labels: Labels) -> Labels:
             parts = np.zeros_like(hole)
             parts[box] = _parts(photo[box], piece, hole[box], is_clear=True) >= 0.5
             parts = _without_ground(parts & (result == 0))
-            if parts.sum() <= OUTGROWTHS.attached * piece.sum():
+            if parts.sum() <= OUTGROWTHS.added_area * piece.sum():
                 result[parts] = owners[0]
     return result
 
@@ -118,9 +118,9 @@ def _large_pieces(hole: Mask) -> Iterator[tuple[Mask, tuple[slice, slice]]]:
     areas = stats[1:, cv2.CC_STAT_AREA]
     for k in np.argsort(-areas, kind="stable")[: OUTGROWTHS.objects].tolist():
         left, top, width, height, area = (int(value) for value in stats[k + 1])
-        if area < OUTGROWTHS.least * hole.size:
+        if area < OUTGROWTHS.least_area * hole.size:
             break
-        margin = round(OUTGROWTHS.around * float(np.sqrt(area)))
+        margin = round(OUTGROWTHS.surroundings_width * float(np.sqrt(area)))
         rows = slice(max(0, top - margin), top + height + margin)
         columns = slice(max(0, left - margin), left + width + margin)
         yield names[rows, columns] == k + 1, (rows, columns)
@@ -220,9 +220,9 @@ class _Neighbourhood:
     """The surroundings of an object at reduced size, (h, w)."""
 
     photo: Rgb
-    away: F32
+    distance: F32
     """Distance to the object, px."""
-    taken: Mask
+    object_mask: Mask
     """Pixels of all objects."""
     reach: float
     """Largest reach of a part, px."""
@@ -231,7 +231,7 @@ class _Neighbourhood:
         """Return the complete parts among the pieces of `like`; none if they are too
         many.
         """
-        area = np.count_nonzero(self.taken)
+        area = np.count_nonzero(self.object_mask)
         parts = np.zeros_like(like)
         count, names = cv2.connectedComponents(like.view(np.uint8), connectivity=8)
         for k in range(1, count):
@@ -244,7 +244,7 @@ class _Neighbourhood:
                 if is_small and self._is_part(part):
                     parts |= part
                     break
-        is_texture = np.count_nonzero(parts) > OUTGROWTHS.every * area
+        is_texture = np.count_nonzero(parts) > OUTGROWTHS.total_area * area
         return np.zeros_like(parts) if is_texture else parts
 
     def clear(self, parts: Mask) -> Mask:
@@ -257,13 +257,13 @@ class _Neighbourhood:
         for k in range(1, count):
             piece = names == k
             inner = cv2.erode(piece.view(np.uint8), square) > 0
-            border = piece & ~inner & (self.away > OUTGROWTHS.touches)
+            border = piece & ~inner & (self.distance > OUTGROWTHS.touches)
             ground = self._ring(cv2.dilate(piece.view(np.uint8), square) > 0, parts)
             if not (border.any() and ground.any()):
                 continue
             usual = OUTGROWTHS.clearer * float(np.median(slope[ground]))
             sharp_pixels = slope[border] >= max(OUTGROWTHS.sharp, usual)
-            if sharp_pixels.mean() >= OUTGROWTHS.bordered:
+            if sharp_pixels.mean() >= OUTGROWTHS.border_share:
                 result |= piece
         return result
 
@@ -288,9 +288,9 @@ class _Neighbourhood:
             return piece
         own_difference, ground_difference = self._steps(piece), self._steps(ground)
         own_pixels = (
-            (own_difference <= OUTGROWTHS.alike)
+            (own_difference <= OUTGROWTHS.continuation_difference)
             & (own_difference < ground_difference)
-            & ~self.taken
+            & ~self.object_mask
         )
         own_pixels[: np.nonzero(piece)[0].min()] = False
         square = np.ones((OUTGROWTHS.highlight, OUTGROWTHS.highlight), np.uint8)
@@ -299,14 +299,14 @@ class _Neighbourhood:
             (own_pixels | piece).view(np.uint8), cv2.MORPH_CLOSE, square
         )
         _, names = cv2.connectedComponents(joint_mask, connectivity=8)
-        return np.isin(names, np.unique(names[piece])) & ~self.taken
+        return np.isin(names, np.unique(names[piece])) & ~self.object_mask
 
     def _is_part(self, piece: Mask) -> bool:
         """Return whether a piece starts at the object, ends nearby and stands out."""
-        distance = self.away[piece]
-        middle = float(np.nonzero(self.away == 0)[0].mean())
+        distance = self.distance[piece]
+        middle = float(np.nonzero(self.distance == 0)[0].mean())
         is_low = np.nonzero(piece)[0].mean() >= middle
-        share = 1.0 if is_low else OUTGROWTHS.thin / OUTGROWTHS.reach
+        share = 1.0 if is_low else OUTGROWTHS.rim_reach / OUTGROWTHS.reach
         ends = distance.max() <= OUTGROWTHS.longest * self.reach * share
         contact = np.count_nonzero(distance <= OUTGROWTHS.touches) / OUTGROWTHS.touches
         if contact < OUTGROWTHS.contact * float(np.sqrt(len(distance))) or not ends:
@@ -314,13 +314,15 @@ class _Neighbourhood:
         ground = self._ring(piece, piece)
         if not ground.any():
             return False
-        return float(np.median(self._steps(piece)[ground])) >= OUTGROWTHS.unlike
+        return (
+            float(np.median(self._steps(piece)[ground])) >= OUTGROWTHS.ground_difference
+        )
 
     def _ring(self, piece: Mask, like: Mask) -> Mask:
         """Return the ground around a piece."""
         kernel = np.ones((2 * OUTGROWTHS.ring + 1,) * 2, np.uint8)
         neighbourhood = cv2.dilate(piece.view(np.uint8), kernel) > 0
-        return np.asarray(neighbourhood & ~like & ~self.taken)
+        return np.asarray(neighbourhood & ~like & ~self.object_mask)
 
     def _steps(self, mask: Mask) -> F32:
         """Return the difference (h, w) from the median colour of a mask, 8-bit

@@ -90,7 +90,7 @@ class Level:
     picture: F32
     hole: Mask  # (H, W)
     # (H, W): pixels of the hole with a continued edge.
-    drawn: Mask
+    edge_mask: Mask
 
 
 class _Fill(NamedTuple):
@@ -101,7 +101,7 @@ class _Fill(NamedTuple):
     # search.
     field: NDArray[np.int64] | None
     # (H, W) 0..1: similarity of that source.
-    alike: F32
+    similarity: F32
     # One value per patch over the hole.
     cost: F32
 
@@ -144,7 +144,7 @@ def patch_match_fill(picture: F32, hole: Mask) -> PatchFill:
         return refine(empty_fill, top, choice_scale, keep)
 
     edges, rows = (
-        harmonic_fill(last.picture, last.hole & ~last.drawn),
+        harmonic_fill(last.picture, last.hole & ~last.edge_mask),
         level_fill(last.picture, last.hole),
     )
     # The first guess keeps continued edges, the second one continues rows.
@@ -180,7 +180,7 @@ def _refine(fill: _Fill, search: _Search, keep: bool) -> _Fill:
     if field is not None:
         larger = cv2.resize(guess, (w, h), interpolation=cv2.INTER_LINEAR)
         guess = np.where(
-            (level.hole & ~(level.drawn & keep))[:, :, None], larger, level.picture
+            (level.hole & ~(level.edge_mask & keep))[:, :, None], larger, level.picture
         )
         field = _upscale_sources(field, (h, w))
         similarity = np.asarray(
@@ -203,7 +203,7 @@ def _refine(fill: _Fill, search: _Search, keep: bool) -> _Fill:
             search.radius if search.rounds else 1,
         )
         if keep:
-            guess = np.where(level.drawn[:, :, None], level.picture, guess)
+            guess = np.where(level.edge_mask[:, :, None], level.picture, guess)
     return _Fill(guess, field, similarity, cost)
 
 
@@ -218,7 +218,7 @@ def _best_pieces(fills: list[_Fill], search: _Search) -> _Fill:
     )
     guess, similarity, field = (
         np.stack([getattr(fill, name) for fill in fills])[at_best]
-        for name in ("guess", "alike", "field")
+        for name in ("guess", "similarity", "field")
     )
     return _Fill(guess, field, similarity, fills[0].cost)
 
@@ -241,7 +241,7 @@ def _piece_costs(
     costs = []
     for fill in fills:
         cost = np.bincount(patch_pieces, weight * fill.errors) / count
-        astray = average(np.abs(fill.guess - picture).mean(2) * search.level.drawn)
+        astray = average(np.abs(fill.guess - picture).mean(2) * search.level.edge_mask)
         seam = seams(fill.guess, picture, hole, pieces)
         row_gap = average(
             np.maximum(np.abs(fill.guess - rows).mean(axis=2) - row_error, 0)

@@ -55,7 +55,7 @@ class _Halo:
     """
     # px inside the border at which the steepest slope may lie, since coverage reaches
     # over the edge.
-    within: int = 6
+    inner_reach: int = 6
     # px: widest measured rim.
     widest: int = 12
     margin: int = 3
@@ -63,7 +63,7 @@ class _Halo:
     errors of this size.
     """
     # px: standard deviation of the blur before photo and fill are compared.
-    smooth: float = 1.5
+    blur_width: float = 1.5
     levels: float = 3.0
     """Least visible difference from another program's background on an even
     surface ...
@@ -180,7 +180,7 @@ def seamless(other: Rgb, photo: Rgb, hole: Mask) -> Rgb:
         (distance > limit).astype(np.float32)[:, :, None] for limit in (0, reach)
     )
     difference = np.abs(
-        blur_known_pixels(gap, free, HALO.smooth)
+        blur_known_pixels(gap, free, HALO.blur_width)
         - blur_known_pixels(gap, outer_weights, reach)
     ).max(axis=2)
     chance = (
@@ -217,10 +217,10 @@ def rim_width(photo: Rgb, hole: Mask) -> int:
     if profile is None:
         return HALO.margin
     base = float(np.median(profile[-HALO.widest // 2 :]))
-    top = int(np.argmax(profile[: HALO.within + 2]))
+    top = int(np.argmax(profile[: HALO.inner_reach + 2]))
     low = np.flatnonzero(profile[top:] < base + HALO.edge * (profile[top] - base))
     return HALO.margin + max(
-        0, top + int(low[0]) - HALO.within if len(low) else HALO.widest
+        0, top + int(low[0]) - HALO.inner_reach if len(low) else HALO.widest
     )
 
 
@@ -236,7 +236,7 @@ def _border_slopes(photo: Rgb, hole: Mask) -> F32 | None:
     slopes = np.gradient(photo.astype(np.float32).mean(axis=2))
     slope = np.abs(slopes[0] * normals[0] + slopes[1] * normals[1])
     # No pixel lies at 0: the border is between 1 px inside and 1 px outside.
-    steps = [*range(-HALO.within, 0), *range(1, HALO.widest + 1)]
+    steps = [*range(-HALO.inner_reach, 0), *range(1, HALO.widest + 1)]
     rings = [
         slope[(signed_distance > step - 1) & (signed_distance <= step)]
         for step in steps

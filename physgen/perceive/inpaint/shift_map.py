@@ -45,7 +45,7 @@ class _Tuning:
     # px: standard deviation of the blur of squared grain.
     grain: float = 4.0
     # Squared levels of detail: 3 levels, as for smooth pieces.
-    even: float = 9.0
+    even_detail: float = 9.0
     # Logarithm: copies are used unless they are worse by this ...
     favour: float = 0.15
     # ... or, on an even ground, only if they are better by this.
@@ -57,9 +57,9 @@ class _Tuning:
     # px around a copy for the refinement of its source.
     seam_band: int = 2
     # Largest number of compared pixels of that band.
-    beside: int = 400
+    band_pixels: int = 400
     # Largest number of pixels of a copy that are compared with the guide, ...
-    compared: int = 400
+    guide_pixels: int = 400
     # ... and their weight relative to the band: the guide continues strong edges at
     # the right place.
     guide_weight: float = 0.1
@@ -160,14 +160,17 @@ class _Window:
     picture: F32
     guide: F32
     hole: Mask
-    blocked: Mask
+    blocked_mask: Mask
 
     def fill(self) -> tuple[F32, F32]:
         """Return copies and guide in the hole (H, W, 3), before and after joining."""
         scale = self._scale()
         reduced_photo = self._reduce(scale)
         offsets, rarity = copy_offsets(
-            reduced_photo.picture, reduced_photo.hole, reduced_photo.blocked, COSTS.far
+            reduced_photo.picture,
+            reduced_photo.hole,
+            reduced_photo.blocked_mask,
+            COSTS.distance,
         )
         if not len(offsets):
             return self.guide, self.guide
@@ -205,7 +208,7 @@ class _Window:
         """Return the log ratio of squared fine detail in the hole and around it."""
         hole = self.hole[self.near]
         composite = np.where(hole[..., None], fill[self.near], self.picture[self.near])
-        inside = self._detail(composite, ~self.blocked[self.near] | hole)[hole]
+        inside = self._detail(composite, ~self.blocked_mask[self.near] | hole)[hole]
         surrounding_detail = self._detail_around
         if not len(surrounding_detail):
             return 0.0
@@ -226,7 +229,7 @@ class _Window:
         """Return the mean difference between bands on both sides of the hole's border,
         levels.
         """
-        hole, blocked_mask = self.hole[self.near], self.blocked[self.near]
+        hole, blocked_mask = self.hole[self.near], self.blocked_mask[self.near]
         inside = _band_means(fill[self.near], hole & ~_erode_mask(hole, TUNING.border))
         known_band = dilate(hole, TUNING.border) & ~blocked_mask
         outside = _band_means(self.picture[self.near], known_band)
@@ -244,14 +247,15 @@ class _Window:
         """
         surrounding_detail = self._detail_around
         plain_ground = (
-            not len(surrounding_detail) or np.median(surrounding_detail) < TUNING.even
+            not len(surrounding_detail)
+            or np.median(surrounding_detail) < TUNING.even_detail
         )
         return TUNING.even_gain if plain_ground else -TUNING.favour
 
     @cached_property
     def _detail_around(self) -> F32:
         """Return the squared fine detail (n,) of the pixels around the hole."""
-        hole, blocked_mask = self.hole[self.near], self.blocked[self.near]
+        hole, blocked_mask = self.hole[self.near], self.blocked_mask[self.near]
         ring = dilate(hole, TUNING.ring) & ~dilate(blocked_mask, 1)
         squares = self._detail(self.picture[self.near], ~blocked_mask)
         return np.asarray(cv2.GaussianBlur(squares, (0, 0), TUNING.grain)[ring])
@@ -279,13 +283,15 @@ class _Window:
 
     def _reduce(self, scale: int) -> ReducedPhoto:
         """Return the reduced photo for the labelling."""
-        blocked_mask = _block_means(self.blocked.astype(np.float32), scale) > 0
+        blocked_mask = _block_means(self.blocked_mask.astype(np.float32), scale) > 0
         hole = _block_means(self.hole.astype(np.float32), scale) > 0
-        guided_picture = np.where(self.blocked[..., None], self.guide, self.picture)
+        guided_picture = np.where(
+            self.blocked_mask[..., None], self.guide, self.picture
+        )
         guide = _block_means(guided_picture, scale)
-        detail = self._detail(self.picture, ~self.blocked)
+        detail = self._detail(self.picture, ~self.blocked_mask)
         # A block with both known pixels and pixels of the guide counts as the guide.
-        guide_detail = self._detail(guided_picture, np.ones_like(self.blocked))
+        guide_detail = self._detail(guided_picture, np.ones_like(self.blocked_mask))
         energy, guide_energy = (
             np.log(_block_means(part, scale) + TUNING.noise)
             for part in (detail, guide_detail)
@@ -310,7 +316,7 @@ class _Window:
         `labels` (h, w) belong to the reduced picture.
         """
         shifts = np.zeros((*self.hole.shape, 2), np.int64)
-        composition = _Composition(self.picture.copy(), ~self.blocked)
+        composition = _Composition(self.picture.copy(), ~self.blocked_mask)
         # Large pieces are placed first; smaller ones adapt to them.
         for number, piece in _pieces_by_size(labels, scale, self.hole):
             offset = None
@@ -321,7 +327,7 @@ class _Window:
             shifts[piece.box][piece.mask] = offset
             source_pixels = self.sources[piece.move(offset)][piece.mask]
             composition.picture[piece.box][piece.mask] = source_pixels
-            composition.done[piece.box] |= piece.mask
+            composition.complete_mask[piece.box] |= piece.mask
         return shifts
 
     def _refine_offset(
@@ -347,7 +353,7 @@ class _Window:
         down, right = np.meshgrid(steps, steps, indexing="ij")
         tries = offset + np.stack([down.ravel(), right.ravel()], axis=1)
         costs = self._gaps(composed.picture, composed.find_neighbours(piece), tries)
-        inside = thin_out(piece.pixels(), TUNING.compared)
+        inside = thin_out(piece.pixels(), TUNING.guide_pixels)
         costs = costs + TUNING.guide_weight * self._gaps(self.guide, inside, tries)
         last = np.array(self.hole.shape) - 1
         for k in np.argsort(costs, kind="stable").tolist():
@@ -356,7 +362,7 @@ class _Window:
                 continue
             if rows.stop > last[0] + 1 or columns.stop > last[1] + 1:
                 continue
-            if not (self.blocked[rows, columns] & piece.mask).any():
+            if not (self.blocked_mask[rows, columns] & piece.mask).any():
                 return np.asarray(tries[k], np.int64)
         return None
 
@@ -400,7 +406,7 @@ class _Composition:
     """The copies so far."""
 
     picture: F32
-    done: Mask
+    complete_mask: Mask
     """(H, W): known or copied pixels."""
 
     def find_neighbours(self, piece: _Piece) -> I64:
@@ -410,14 +416,14 @@ class _Composition:
         piece_mask = np.pad(piece.mask, band)
         rows = slice(max(top - band, 0), piece.box[0].stop + band)
         columns = slice(max(left - band, 0), piece.box[1].stop + band)
-        done_window = self.done[rows, columns]
+        done_window = self.complete_mask[rows, columns]
         piece_mask = piece_mask[
             rows.start - top + band :, columns.start - left + band :
         ]
         piece_mask = piece_mask[: done_window.shape[0], : done_window.shape[1]]
         ring = np.argwhere(dilate(piece_mask, band) & ~piece_mask & done_window)
         ring += [rows.start, columns.start]
-        return np.asarray(thin_out(ring, TUNING.beside), np.int64)
+        return np.asarray(thin_out(ring, TUNING.band_pixels), np.int64)
 
 
 def _pieces_by_size(
@@ -481,11 +487,11 @@ def _texture(picture: F32, scale: int) -> F32:
     They are means of blocks of `scale` px a side of a `picture` (H, W, 3).
     """
     grey = picture.mean(axis=2)
-    logs = []
-    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        difference = grey - np.roll(grey, (down, right), (0, 1))
-        logs.append(np.log(_block_means(difference**2, scale) + TUNING.noise))
-    return np.stack(logs, axis=-1)
+    log_squares = []
+    for step in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        difference = grey - np.roll(grey, step, (0, 1))
+        log_squares.append(np.log(_block_means(difference**2, scale) + TUNING.noise))
+    return np.stack(log_squares, axis=-1)
 
 
 def _block_means(picture: F32, scale: int) -> F32:

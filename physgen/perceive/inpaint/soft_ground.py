@@ -32,7 +32,7 @@ class _Tuning:
     """
 
     # Standard deviation of the blur against texture before slopes are measured.
-    smooth: float = 8.0
+    texture_blur: float = 8.0
     # Standard deviation of the blur that separates shading from texture: veins of
     # marble and soft horizons are texture.
     shading: float = 40.0
@@ -56,7 +56,7 @@ SOBEL = 8.0
 def find_soft_pieces(photo: F32, hole: Mask) -> Mask:
     """Return the pieces of `hole` (H, W) whose surroundings are softly shaded."""
     known = (~hole)[..., None].astype(np.float32)
-    shading = blur_known_pixels(photo, known, TUNING.smooth)
+    shading = blur_known_pixels(photo, known, TUNING.texture_blur)
     slopes = [
         cv2.Sobel(shading, cv2.CV_32F, *axes) / SOBEL for axes in ((1, 0), (0, 1))
     ]

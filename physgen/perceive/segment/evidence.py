@@ -456,13 +456,12 @@ def _count_alike(rectangles: Array, score: Array) -> Array:
     """
     sides = np.log(np.maximum(rectangles[:, 2:] - rectangles[:, :2], 1))
     size_difference = np.abs(sides[:, None] - sides[None]).max(axis=2)
-    similarity = np.exp(-((size_difference / SAME_SIZE) ** 2)) * (
-        box_overlap(rectangles, rectangles) < APART
-    )
+    is_apart = box_overlap(rectangles, rectangles) < APART
+    similarity = np.exp(-((size_difference / SAME_SIZE) ** 2)) * is_apart
     # Many candidates show one object: the best one at each place counts.
-    place = np.rint(
-        (rectangles[:, :2] + rectangles[:, 2:]) / np.exp(sides.mean(axis=1))[:, None]
-    )
+    corner_sums = rectangles[:, :2] + rectangles[:, 2:]
+    sizes = np.exp(sides.mean(axis=1))
+    place = np.rint(corner_sums / sizes[:, None])
     _, places = np.unique(place, axis=0, return_inverse=True)
     best = np.zeros((len(rectangles), int(places.max()) + 1))
     rows = np.arange(len(rectangles))[:, None]

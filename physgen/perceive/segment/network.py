@@ -464,7 +464,8 @@ def _solve_symmetric(diagonal: F32, off_diagonal: F32, right: F32) -> F32:
     first, second, third = _cofactors(diagonal, off_diagonal)
     row = np.dstack([diagonal[..., 0], off_diagonal[..., 0], off_diagonal[..., 2]])
     x, y, z = np.moveaxis(right.astype(np.float64), -1, 0)
-    factor = 1 / (row.astype(np.float64) * np.stack(first, axis=-1)).sum(axis=-1)
+    products = row.astype(np.float64) * np.stack(first, axis=-1)
+    factor = 1 / products.sum(axis=-1)
     parts = []
     for cofactor_row in (first, second, third):
         parts.append(cofactor_row[0] * x + cofactor_row[1] * y + cofactor_row[2] * z)
@@ -475,10 +476,13 @@ def _cofactors(diagonal: F32, off_diagonal: F32) -> list[list[NDArray[np.float64
     """Return the rows of cofactors (h, w) of symmetric matrices."""
     a, b, c = np.moveaxis(diagonal.astype(np.float64), -1, 0)
     d, e, f = np.moveaxis(off_diagonal.astype(np.float64), -1, 0)
+    aa = b * c - e * e
+    bb = a * c - f * f
+    cc = a * b - d * d
     ab = e * f - c * d
     bc = d * f - a * e
     ac = d * e - b * f
-    return [[b * c - e * e, ab, ac], [ab, a * c - f * f, bc], [ac, bc, a * b - d * d]]
+    return [[aa, ab, ac], [ab, bb, bc], [ac, bc, cc]]
 
 
 def _mean_chances(view: NDArray[np.uint8], at_point: bool) -> F32:

@@ -421,8 +421,9 @@ class _Merging:
         """Add the colours of region b to region a."""
         area = self.area
         mean = self.mean
-        mean[a] = (mean[a] * area[a] + mean[b] * area[b]) / (area[a] + area[b])
-        area[a] += area[b]
+        joint_area = area[a] + area[b]
+        mean[a] = (mean[a] * area[a] + mean[b] * area[b]) / joint_area
+        area[a] = joint_area
 
 
 def colour_tree(

@@ -361,8 +361,12 @@ def _move(mask: Mask, dx: int, dy: int) -> Mask:
     h, w = mask.shape
     result = np.zeros_like(mask)
     if abs(dx) < w and abs(dy) < h:
-        target = np.s_[max(dy, 0) : h + min(dy, 0), max(dx, 0) : w + min(dx, 0)]
-        result[target] = mask[
-            max(-dy, 0) : h + min(-dy, 0), max(-dx, 0) : w + min(-dx, 0)
-        ]
+        target = _common_part(h, dy), _common_part(w, dx)
+        source = _common_part(h, -dy), _common_part(w, -dx)
+        result[target] = mask[source]
     return result
+
+
+def _common_part(length: int, shift: int) -> slice:
+    """Return the pixels of a row that a copy shifted by `shift` px covers."""
+    return slice(max(shift, 0), length + min(shift, 0))

@@ -201,6 +201,9 @@ def _shade_at_foot(background: Rgb, free: F32, own_mask: Mask) -> _FootShade | N
         return None
     if _is_board(ground, shade):
         return BOARD
+    if float(np.median(ground.depth.mean(axis=2)[shade])) > FOOT.deepest:
+        # No shade is that deep: the front of a tray stays dark.
+        return None
     small_depth = _soft_depth(ground, shade, side / scale)
     size = foot.shape[1], foot.shape[0]
     depth = cv2.resize(small_depth, size, interpolation=cv2.INTER_LINEAR)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry.shadows import Silhouette
 from physgen.maps import F32
-from physgen.perceive.roles import Labels, Mask, Rgb, Shadows
+from physgen.perceive.roles import Labels, Rgb, Shadows
 from physgen.perceive.shadow.silhouettes import DARKEST
 from physgen.perceive.working_size import working_size
 from physgen.photometry import decode, encode_u8, luminance
@@ -162,7 +162,7 @@ def _changed_box(gain: F32, shape: tuple[int, ...]) -> _Box | None:
     `gain` (h, w, 3) is small; `shape` is the full picture's.
     """
     height, width = shape[:2]
-    is_visible: Mask = np.asarray(np.abs(gain) > VISIBLE).any(axis=2)
+    is_visible = np.asarray((np.abs(gain) > VISIBLE).any(axis=2))
     rows = np.flatnonzero(is_visible.any(axis=1))
     columns = np.flatnonzero(is_visible.any(axis=0))
     if not len(rows):

@@ -531,14 +531,28 @@ def _light_of_wall(
         back = 0.8 * hypot(dx, dy)
     direction = np.array([-dx / back, -(dy / back + TILT), 1.0])
     a, b, c = (direction / np.linalg.norm(direction)).tolist()
-    distance = back / max(c, 0.2) * float(np.hypot(1, 0.5 * hypot(a, b) / max(c, 0.2)))
-    softness = min(
-        max(degrees(atan(2 * max(wall.blur - 0.35, 0.0) / distance)), 0.3), 45.0
-    )
+    softness = _softness_on_wall(wall, back, (a, b, c))
     setting = ShadowSetting(
         DistantLight((a, b, c), 1.0, 0.2), softness, False, TILT, back, size
     )
     return _with_share(setting, (0.0, 0.0, 1.0), 1 - float(np.exp(-wall.factor)))
+
+
+def _softness_on_wall(
+    wall: WallShadow, back: float, direction: tuple[float, float, float]
+) -> float:
+    """Return the angular radius of the light, degrees, from its blur on a wall `back`
+    px behind.
+    """
+    a, b, c = direction
+    # The path of the light to the wall, longer for a slanting light.
+    depth = max(c, 0.2)
+    lengthening = float(np.hypot(1, 0.5 * hypot(a, b) / depth))
+    distance = back / depth * lengthening
+    # Edges of a sharp picture have a blur of about a third of a pixel.
+    light_blur = 2 * max(wall.blur - 0.35, 0.0)
+    angle = degrees(atan(light_blur / distance))
+    return min(max(angle, 0.3), 45.0)
 
 
 def _with_share(

@@ -157,12 +157,16 @@ def join_silhouettes(silhouettes: Sequence[Silhouette]) -> list[Silhouette]:
 
 def _union(group: Sequence[Silhouette]) -> Silhouette:
     """Return one silhouette for a group."""
-    x0, y0 = (min(w.corner[k] for w in group) for k in (0, 1))
-    x1, y1 = (max(w.corner[k] + w.coverage.shape[1 - k] for w in group) for k in (0, 1))
+    corners = np.array([w.corner for w in group])
+    sizes = np.array([w.coverage.shape[::-1] for w in group])
+    x0, y0 = corners.min(axis=0).tolist()
+    x1, y1 = (corners + sizes).max(axis=0).tolist()
     coverage = np.zeros((y1 - y0, x1 - x0), np.float32)
     for silhouette in group:
-        (x, y), (h, w) = silhouette.corner, silhouette.coverage.shape
-        part = coverage[y - y0 : y - y0 + h, x - x0 : x - x0 + w]
+        left = silhouette.corner[0] - x0
+        top = silhouette.corner[1] - y0
+        height, width = silhouette.coverage.shape
+        part = coverage[top : top + height, left : left + width]
         np.maximum(part, silhouette.coverage, out=part)
     thickness = float(np.median([w.thickness for w in group]))
     return Silhouette(
@@ -186,11 +190,19 @@ def lowest_floor(boundaries: BoundaryGuess) -> float | None:
     """
     rows = []
     for wall in boundaries.walls:
-        if wall.name != "bottom":
-            for p, q in zip(wall.points[:-1], wall.points[1:], strict=True):
-                if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1]):
-                    rows.append(max(p[1], q[1]))
+        if wall.name == "bottom":
+            continue
+        for p, q in zip(wall.points[:-1], wall.points[1:], strict=True):
+            if _can_carry(p, q):
+                rows.append(max(p[1], q[1]))
     return max(rows, default=None)
+
+
+def _can_carry(start: Sequence[float] | Array, end: Sequence[float] | Array) -> bool:
+    """Return whether a line between two points is level enough to carry objects."""
+    run = abs(end[0] - start[0])
+    rise = abs(end[1] - start[1])
+    return bool(run > 1.2 * rise)
 
 
 def _row_below(
@@ -199,10 +211,12 @@ def _row_below(
     """Return the row of the highest ground below a point, or None."""
     rows = []
     for p, q in grounds:
-        if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1]) and min(p[0], q[0]) <= x <= max(
-            p[0], q[0]
-        ):
-            rows.append(float(p[1] + (q[1] - p[1]) * (x - p[0]) / (q[0] - p[0])))
+        is_beside = x < min(p[0], q[0]) or x > max(p[0], q[0])
+        if is_beside or not _can_carry(p, q):
+            continue
+        run = q[0] - p[0]
+        rise = q[1] - p[1]
+        rows.append(float(p[1] + rise * (x - p[0]) / run))
     return min((row for row in rows if row >= bottom - SUNK), default=None)
 
 

@@ -321,11 +321,13 @@ def _build_top(box: _BoxView, edge: int, front: float) -> _Top:
     height = front - box.rim + 0.5
     # The sides of the top must converge towards the vanishing point.
     front_rows = slice(edge, 2 * edge - box.rim + 4 * box.edge_margin)
-    top_rows = slice(box.rim, edge)
-    doubled_centers = box.left_ends + box.right_ends
-    negative_widths = box.left_ends - box.right_ends
-    shifts = doubled_centers[top_rows] - np.median(doubled_centers[front_rows])
-    widths = negative_widths[top_rows] - np.median(negative_widths[front_rows])
+
+    def difference_from_front(values: NDArray[np.integer]) -> NDArray[np.float64]:
+        top_values = values[box.rim : edge]
+        return np.asarray(top_values - np.median(values[front_rows]))
+
+    shifts = difference_from_front(box.left_ends + box.right_ends)
+    widths = difference_from_front(box.left_ends - box.right_ends)
     middle_row = len(widths) // 2
     narrowing = 2 * float(widths[:middle_row].mean() - widths[middle_row:].mean())
     x0, y0 = box.corner

@@ -571,7 +571,10 @@ class _ForceColumns:
         b = _longest_step(s, ds)
         # Corrector: centre as far as the predictor fell short, with a second-order
         # term.
-        middle = gap * (float(((x + a * dx) * (s + b * ds)).mean()) / gap) ** 3
+        predicted_x = x + a * dx
+        predicted_s = s + b * ds
+        predicted_gap = float((predicted_x * predicted_s).mean())
+        middle = gap * (predicted_gap / gap) ** 3
         right = middle - x * s - a * b * dx * ds
         dx = self._solve(scale, -slope + right / x)
         return dx, (right - s * dx) / x

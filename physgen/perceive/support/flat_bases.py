@@ -10,6 +10,7 @@ import shapely
 
 from physgen.geometry.convex import outline_shape
 from physgen.geometry.polygon import (
+    Array,
     Disc,
     Region,
     Ring,
@@ -91,6 +92,16 @@ def add_base(foot: Foot, line: Line) -> Region | None:
     return Region((Ring(outer, outline.rings[0].holes),))
 
 
+def _cut_hull(hull: Array, left: float, right: float) -> tuple[Array, Array]:
+    """Return columns and rows of a lower hull (K, 2) between two columns."""
+    hull_x, hull_y = hull.T
+    left = max(left, float(hull_x[0]))
+    right = min(right, float(hull_x[-1]))
+    inner_x = hull_x[(hull_x > left) & (hull_x < right)]
+    xs = np.array([left, *inner_x, right])
+    return xs, np.interp(xs, hull_x, hull_y)
+
+
 def _draw_base(foot: Foot, line: Line, outline: Region) -> shapely.Geometry | None:
     """Return the area between the lower outline and a line, or None if it is too
     high.
@@ -98,12 +109,11 @@ def _draw_base(foot: Foot, line: Line, outline: Region) -> shapely.Geometry | No
     x0, y0, x1, y1 = bounds(outline)
     middle = float(mass_properties(outline).center[0])
     reach = BASE.reach * (x1 - x0)
-    left = max(min(middle - reach, float(foot.left[0])), float(foot.hull[0, 0]))
-    right = min(max(middle + reach, float(foot.right[0])), float(foot.hull[-1, 0]))
-    inner = foot.hull[(foot.hull[:, 0] > left) & (foot.hull[:, 0] < right)]
+    left = min(middle - reach, float(foot.left[0]))
+    right = max(middle + reach, float(foot.right[0]))
     # The base follows the lower outline at its top and the ground at its bottom.
-    xs = np.array([left, *inner[:, 0], right])
-    ys = np.interp(xs, foot.hull[:, 0], foot.hull[:, 1])
+    xs, ys = _cut_hull(foot.hull, left, right)
+    left, right = float(xs[0]), float(xs[-1])
     ground = line.slope * xs + line.height
     if float((ground - ys).max()) > BASE.largest_height * (y1 - y0):
         return None

@@ -164,15 +164,18 @@ def _draw_ball_nest(disc: Disc) -> list[Point]:
 
 def _draw_hull_nest(center: Array, hull: Array, reach: float) -> list[Point]:
     """Return a nest along a hull (K, 2), `reach` px to both sides of the centre."""
-    ends = np.clip([center[0] - reach, center[0] + reach], hull[0, 0], hull[-1, 0])
+    xs, ys = hull.T
+    ends = np.clip([center[0] - reach, center[0] + reach], xs[0], xs[-1])
     # The object rests on corners of its hull: without a corner on either side of
     # its centre it would tip.
-    k = int(np.clip(np.searchsorted(hull[:, 0], center[0]), 1, len(hull) - 1))
+    k = int(np.clip(np.searchsorted(xs, center[0]), 1, len(hull) - 1))
     end_columns = [
-        min(ends[0], hull[k - 1, 0] - 0.5),
-        max(ends[1], hull[k, 0] + 0.5),
+        min(ends[0], xs[k - 1] - 0.5),
+        max(ends[1], xs[k] + 0.5),
     ]
-    ends = np.clip(end_columns, hull[0, 0], hull[-1, 0])
-    inner = hull[(hull[:, 0] > ends[0]) & (hull[:, 0] < ends[1])]
-    columns = [ends[0], *inner[:, 0], ends[1]]
-    return [(float(x), float(np.interp(x, hull[:, 0], hull[:, 1]))) for x in columns]
+    left, right = np.clip(end_columns, xs[0], xs[-1])
+    inner_columns = xs[(xs > left) & (xs < right)]
+    nest = []
+    for x in (left, *inner_columns, right):
+        nest.append((float(x), float(np.interp(x, xs, ys))))
+    return nest

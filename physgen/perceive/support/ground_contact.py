@@ -132,7 +132,8 @@ def find_foot(item: PhotoObject) -> Foot:
         )
     # The object stands on the hull's edge below its centre of mass, if that edge is
     # level.
-    k = int(np.clip(np.searchsorted(hull[:, 0], center[0]) - 1, 0, len(hull) - 2))
+    edge_before = np.searchsorted(hull[:, 0], center[0]) - 1
+    k = int(np.clip(edge_before, 0, len(hull) - 2))
     left = hull[k]
     right = hull[k + 1]
     run = right[0] - left[0]

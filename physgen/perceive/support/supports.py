@@ -454,21 +454,26 @@ def depth_inside(outline: Outline, points: Array) -> Array:
     for ring in outline.rings:
         a = ring.outer
         b = np.roll(ring.outer, -1, axis=0)
-        spans = (a[:, 1] > y) != (b[:, 1] > y)
-        rise = np.where(b[:, 1] == a[:, 1], 1.0, b[:, 1] - a[:, 1])
+        ax, ay = a.T
+        bx, by = b.T
+        spans = (ay > y) != (by > y)
+        rise = np.where(by == ay, 1.0, by - ay)
+        crossing_x = (bx - ax) * (y - ay) / rise + ax
         # Crossing number test: a ray to the left crosses the border an odd number of
         # times.
-        inside = (
-            spans & (x < (b[:, 0] - a[:, 0]) * (y - a[:, 1]) / rise + a[:, 0])
-        ).sum(1) % 2 > 0
+        inside = (spans & (x < crossing_x)).sum(1) % 2 > 0
         if inside.any():
-            way = b - a
-            offsets = points[inside, None] - a[None]
-            share = np.clip(
-                (offsets * way).sum(-1) / np.maximum((way**2).sum(-1), 1e-12), 0, 1
-            )
-            gap = np.hypot(
-                *np.moveaxis(offsets - share[..., None] * way[None], -1, 0)
-            ).min(axis=1)
+            gap = _border_distances(points[inside], a, b)
             depth[inside] = np.maximum(depth[inside], gap)
     return depth
+
+
+def _border_distances(points: Array, starts: Array, ends: Array) -> Array:
+    """Return the distance (n,) px of points from the nearest edge of a ring."""
+    edges = ends - starts
+    offsets = points[:, None] - starts[None]
+    squared_lengths = np.maximum((edges**2).sum(-1), 1e-12)
+    share = np.clip((offsets * edges).sum(-1) / squared_lengths, 0, 1)
+    gaps = offsets - share[..., None] * edges[None]
+    distances = np.hypot(*np.moveaxis(gaps, -1, 0))
+    return np.asarray(distances.min(axis=1))
