@@ -13,89 +13,17 @@ from math import ceil, hypot, radians, sqrt
 
 import numpy as np
 
-from physgen.arrays import F32, F64, Indices
+from physgen.arrays import F64
 from physgen.compile.world import Body, World
 from physgen.geometry.polygon import Pose, rotation
 from physgen.geometry.shadows import Silhouette
-from physgen.photometry import decode, luminance
 from physgen.render.camera import Shot
 from physgen.render.shadow_decomposition import CastShadow
 from physgen.render.sprites import MARGIN, Sprite
 from physgen.render.stage import ShadowBody, Stage
+from physgen.render.striker_sprite import FORMS, Form, Placement, draw_striker
 from physgen.scene.scene import Load, Motion, Striker, View
 from physgen.simulate.trajectory import Trajectory
-
-
-@dataclass(frozen=True)
-class Band:
-    """A part of a striker, from its tip on."""
-
-    end: float
-    """mm from the tip."""
-    colour: tuple[int, int, int]
-    """SRGB."""
-
-
-@dataclass(frozen=True)
-class Form:
-    """How a striker looks."""
-
-    tip: float
-    """mm: radius of its tip, which is round."""
-    grows: float
-    """mm of radius for each mm of its length."""
-    largest_radius: float
-    """mm: its largest radius."""
-    lift: float
-    """degrees by which it comes from above, in a view from the side."""
-    bands: tuple[Band, ...]
-    """The last one goes on to its end."""
-    joints: tuple[float, ...] = ()
-    """mm from the tip, of creases."""
-    has_nail: bool = False
-    gloss: float = 0.0
-    """Light of its highlight, linear."""
-
-
-LONG = 1e9
-"""mm: to the end."""
-FORMS = {
-    Striker.FINGER: Form(
-        7.0,
-        0.035,
-        10.5,
-        32,
-        (Band(LONG, (224, 172, 145)),),
-        (25, 50),
-        has_nail=True,
-        gloss=0.02,
-    ),
-    Striker.CUE: Form(
-        6.2,
-        0.006,
-        14,
-        9,
-        (
-            Band(5, (48, 92, 140)),
-            Band(24, (236, 232, 220)),
-            Band(LONG, (205, 160, 104)),
-        ),
-        gloss=0.12,
-    ),
-    Striker.STICK: Form(
-        6.0, 0.0, 6.0, 20, (Band(16, (44, 44, 48)), Band(LONG, (196, 158, 112))), ()
-    ),
-}
-
-
-FLUSH = np.array([0.02, 0.14, 0.12], np.float32)
-"""Share of light that redder skin lacks."""
-NAIL = (7.5, 6.5, 0.72, 0.42)
-"""Middle and half the length, mm from the tip; the same across it, of the radius."""
-NAIL_COLOUR = (238, 196, 182)
-"""SRGB."""
-NAIL_SHARP = 3.0
-"""Slope of a nail's edge."""
 
 
 @dataclass(frozen=True)
@@ -114,22 +42,8 @@ class StrikerTuning:
     """Power with which the way that is left shrinks as it comes."""
     hit_share: float = 0.5
     """Share of its way that it comes at the speed of the hit, at most."""
-    crease: float = 0.12
-    """Depth of a crease, and ..."""
-    crease_width: float = 0.9
-    """... mm of its standard deviation."""
-    bulge: float = 0.07
-    """Of the radius, by which a joint is thicker, and ..."""
-    bulge_width: float = 6.0
-    """... mm of its standard deviation."""
-    flush: float = 9.0
-    """mm from the tip in which skin is redder."""
-    light_percentile: float = 95
-    """Percentile of a photo's light that ..."""
-    white: float = 0.6
-    """... is as much as this if colours are as given."""
-    light_limits: tuple[float, float] = (0.35, 1.1)
-    """Limits of the light in darker and brighter photos."""
+    shadow_room: float = 0.25
+    """Of the picture's size, by which it is longer than its own picture needs."""
 
 
 STRIKER = StrikerTuning()
@@ -153,16 +67,31 @@ class _Way:
     """Width and height of the picture, px."""
     clearance: float
     """px along the axis by which it must leave the picture to be out of sight."""
+    margin: float
+    """px from its axis to its outline, at most."""
     scale: float
     """px a mm of its form."""
+    is_from_side: bool
+    """Whether the viewer sees it from its side; else from above."""
+    is_body_round: bool
+    """Such a body rolls along the striker, whose tip stays where it is."""
 
     def distance(self, place: F64) -> float:
         """Return px along the axis, from a place (2,) of the tip to out of sight."""
-        return _exit(place, self.axis, self.size) + self.clearance
+        return _exit(place, self.axis, self.size, 0.0) + self.clearance
+
+    def length(self, track: F64) -> float:
+        """Return px from the tip to its far end, which no place (T, 2) of it brings in.
+
+        Its shadow does not end in the picture either.
+        """
+        ways = [_exit(place, self.axis, self.size, self.margin) for place in track]
+        return max(ways) + STRIKER.shadow_room * max(self.size)
 
     def place(self, pose: F64, side: float) -> F64:
         """Return (2,) px of the middle of the tip, by the pose (3,) of the body."""
-        arm = rotation(float(pose[2])) @ self.arm
+        turn = 0.0 if self.is_body_round else float(pose[2])
+        arm = rotation(turn) @ self.arm
         return np.asarray(pose[:2] + arm + side * self.axis, np.float64)
 
 
@@ -269,11 +198,20 @@ def _way(stage: Stage, world: World, strike: Strike, form: Form, pose: F64) -> _
     arm = _rim(body, float(pose[2]), -push, strike.point) - radius * push
     scale = radius / form.tip
     height, width = stage.background.shape[:2]
-    clearance = 2 * form.largest_radius * scale + MARGIN
-    arm = rotation(-float(pose[2])) @ arm
-    hit_speed = 0.0 if strike.ramp else speed
-    size = (width, height)
-    return _Way(strike.body, strike.ramp, hit_speed, arm, axis, size, clearance, scale)
+    is_round = body.radius is not None
+    return _Way(
+        strike.body,
+        strike.ramp,
+        0.0 if strike.ramp else speed,
+        arm if is_round else rotation(-float(pose[2])) @ arm,
+        axis,
+        (width, height),
+        2 * form.largest_radius * scale + MARGIN,
+        form.extent * scale + MARGIN,
+        scale,
+        world.view is View.SIDE,
+        is_round,
+    )
 
 
 def _rim(body: Body, angle: float, direction: F64, point: F64 | None = None) -> F64:
@@ -300,12 +238,12 @@ def _rim(body: Body, angle: float, direction: F64, point: F64 | None = None) -> 
     return offset + reach * direction
 
 
-def _exit(place: F64, axis: F64, size: tuple[int, int]) -> float:
-    """Return px along a direction from a place to the border of the picture."""
+def _exit(place: F64, axis: F64, size: tuple[int, int], margin: float) -> float:
+    """Return px along a direction from a place to `margin` px outside of the picture."""
     ways = []
     for x, step, side in zip(place.tolist(), axis.tolist(), size, strict=True):
         if abs(step) > 1e-9:
-            ways.append(((side if step > 0 else 0) - x) / step)
+            ways.append(((side + margin if step > 0 else -margin) - x) / step)
     return max(float(min(ways)), 0.0)
 
 
@@ -390,8 +328,10 @@ def _with_sprites(
     for number, (way, track) in enumerate(zip(ways, tracks, strict=True)):
         start = track[0]
         body = fine_motion.poses.shape[1] + number
-        reach = float(np.abs(track - start).max())
-        sprite = _draw_striker(stage, form, way, body, start, reach)
+        placement = Placement(
+            start, way.axis, way.length(track), way.scale, way.is_from_side
+        )
+        sprite = draw_striker(stage, form, placement, body)
         sprites.append(sprite)
         starts.append(Pose(float(start[0]), float(start[1]), 0.0))
         thickness = 2 * form.tip * way.scale
@@ -425,113 +365,3 @@ def _with_casts(stage: Stage, casts: Sequence[CastShadow]) -> Stage:
     if veils is not None:
         veils = [*veils, *empty]
     return replace(stage, lit_background=background, mirror=mirror, veils=veils)
-
-
-def _draw_striker(
-    stage: Stage, form: Form, way: _Way, body: int, start: F64, reach: float
-) -> Sprite:
-    """Return the sprite of a striker whose tip is at `start`, long enough for a way of `reach` px."""
-    side = ceil(form.largest_radius * way.scale) + 2 * MARGIN
-    end = way.axis * (reach + 2 * side)
-    low = np.floor(np.minimum(start, start + end)).astype(int) - side
-    high = np.ceil(np.maximum(start, start + end)).astype(int) + side
-    axial_distance, side_distance = _axis_coordinates(low, high, start, way.axis)
-    from_tip = axial_distance / way.scale + form.tip
-    radius = _radius(form, from_tip) * way.scale
-    # The tip is a half sphere, and the rest is a bar.
-    away = np.hypot(np.minimum(axial_distance, 0), side_distance)
-    coverage = np.clip(radius - away + 0.5, 0, 1).astype(np.float32)
-    across = np.clip(side_distance / radius, -1, 1)
-    tip = np.clip(np.minimum(axial_distance, 0) / radius, -1, 1)
-    # Seen from its side, a finger has its nail on top; else in its middle.
-    upper = across * (1 if way.axis[0] < 0 else -1)
-    colour = _colours(form, from_tip, upper)
-    light = colour * _shading(stage, way.axis, across, tip, form.gloss)
-    light *= coverage[..., None]
-    return Sprite(
-        body, (int(low[0]), int(low[1])), np.asarray(light, np.float32), coverage
-    )
-
-
-def _axis_coordinates(
-    low: Indices, high: Indices, start: F64, axis: F64
-) -> tuple[F64, F64]:
-    """Return the distances along an axis from `start` and beside it, (h, w) px, of the
-    pixels from `low` to `high`.
-    """
-    columns = np.arange(low[0], high[0] + 1) - start[0]
-    rows = np.arange(low[1], high[1] + 1)[:, None] - start[1]
-    axial_distance = columns * axis[0] + rows * axis[1]
-    side_distance = rows * axis[0] - columns * axis[1]
-    return axial_distance, side_distance
-
-
-def _radius(form: Form, distance: F64) -> F64:
-    """Return (h, w) mm of the radius, by the mm from the tip (h, w)."""
-    radius = np.clip(form.tip + form.grows * distance, form.tip, form.largest_radius)
-    for joint in form.joints:
-        shape = np.exp(-(((distance - joint) / STRIKER.bulge_width) ** 2) / 2)
-        radius = radius * (1 + STRIKER.bulge * shape)
-    return np.asarray(radius, np.float64)
-
-
-def _colours(form: Form, distance: F64, upper: F64) -> F32:
-    """Return (h, w, 3) linear, by the mm from the tip, and the share of the radius above the axis, (h, w) each."""
-    colours = np.zeros((*distance.shape, 3), np.float32)
-    begin = -np.inf
-    for band in form.bands:
-        is_inside = (distance >= begin) & (distance < band.end)
-        colours[is_inside] = decode(np.array(band.colour, np.uint8))
-        begin = band.end
-    for joint in form.joints:
-        depth = np.exp(-(((distance - joint) / STRIKER.crease_width) ** 2) / 2)
-        colours *= (1 - STRIKER.crease * depth[..., None]).astype(np.float32)
-    if form.has_nail:
-        red = np.exp(-np.maximum(distance, 0) / STRIKER.flush)[..., None]
-        colours *= (1 - red * FLUSH).astype(np.float32)
-        # The nail is an ellipse on the finger.
-        nail_length = (distance - NAIL[0]) / NAIL[1]
-        nail_width = (upper - NAIL[2]) / NAIL[3]
-        nail = nail_length**2 + nail_width**2
-        share = np.clip(NAIL_SHARP * (1 - nail), 0, 1)[..., None].astype(np.float32)
-        nail_colour = decode(np.array(NAIL_COLOUR, np.uint8))
-        colours += share * (nail_colour - colours)
-    return colours
-
-
-def _shading(stage: Stage, axis: F64, offset: F64, tip: F64, gloss: float) -> F64:
-    """Return (h, w, 1) light of a round bar by its light from the scene; 1 if it faces
-    the viewer in full light.
-    """
-    toward = np.sqrt(np.clip(1 - offset**2 - tip**2, 0, 1))
-    direction = np.array([0.0, -0.5, 0.86])
-    ambient, intensity = 0.4, 0.6
-    if stage.lit_background is not None:
-        light = stage.lit_background.setting.light
-        direction = np.array(light.direction)
-        total = light.ambient + light.intensity
-        ambient = light.ambient / total
-        intensity = light.intensity / total
-    # The normal of the bar, and of its round tip, turned into the picture.
-    normal_x = tip * axis[0] - offset * axis[1]
-    normal_y = tip * axis[1] + offset * axis[0]
-    facing = normal_x * direction[0] + normal_y * direction[1] + toward * direction[2]
-    shading = ambient * (0.5 + 0.5 * toward) + intensity * np.maximum(facing, 0)
-    # A face towards the viewer is as bright as its colour.
-    shading = shading / max(ambient + intensity * max(direction[2], 0.3), 0.5)
-    if gloss:
-        shading = shading + gloss * np.maximum(facing, 0) ** 24
-    return np.asarray(shading * _photo_level(stage))[..., None]
-
-
-def _photo_level(stage: Stage) -> float:
-    """Return the light of a striker relative to its colours, by the photo's light."""
-    background = luminance(decode(stage.background)).astype(np.float64)
-    brightest = float(np.percentile(background, STRIKER.light_percentile))
-    for sprite in stage.sprites:
-        solid = sprite.coverage >= 1
-        if solid.any():
-            own_light = float(np.median(luminance(sprite.light[solid])))
-            brightest = max(brightest, own_light)
-    lowest, highest = STRIKER.light_limits
-    return min(max(brightest / STRIKER.white, lowest), highest)

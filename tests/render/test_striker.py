@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from physgen.arrays import F64
 from physgen.compile.warnings import lint
+from physgen.photometry import luminance
 from physgen.pipeline.film import Film
 from physgen.pipeline.stages import Stages
+from physgen.render import striker
+from physgen.render.sprites import Sprite
 from physgen.render.striker import find_strikes
+from physgen.render.striker_sprite import FINGER, Placement, draw_striker
 from physgen.report.record import RunRecord
 
 SCENE = """physgen: 1
@@ -173,3 +179,70 @@ def test_striker_leaves_the_picture_after_a_long_push(scene_file: Path) -> None:
     film.deliver()
     plain.deliver()
     assert np.abs(_frames(film)[-1] - _frames(plain)[-1]).max() <= 8
+
+
+def _finger(is_from_side: bool) -> Sprite:
+    """Return a finger to the left of its tip, 4 px a mm, in even light."""
+    light = SimpleNamespace(direction=(0.0, -0.6, 0.8), ambient=0.5, intensity=0.5)
+    background = SimpleNamespace(setting=SimpleNamespace(light=light))
+    stage = SimpleNamespace(
+        lit_background=background,
+        background=np.full((8, 8, 3), 200, np.uint8),
+        sprites=[],
+    )
+    axis = np.array([-1.0, 0.0])
+    placement = Placement(np.zeros(2), axis, 400, 4, is_from_side)
+    return draw_striker(stage, FINGER, placement, 0)
+
+
+def _at(sprite: Sprite, along: float, above: float) -> F64:
+    """Return (3,) light of 2 mm around a place, mm from the tip and above the axis."""
+    column = round(4 * (FINGER.tip - along)) - sprite.corner[0]
+    row = round(-4 * above) - sprite.corner[1]
+    part = np.s_[row - 4 : row + 5, column - 4 : column + 5]
+    assert (sprite.coverage[part] == 1).all()
+    return np.asarray(sprite.light[part].mean(axis=(0, 1)), np.float64)
+
+
+@pytest.mark.parametrize(("is_from_side", "above"), [(True, 4.4), (False, 0)])
+def test_nail_is_brighter_than_the_skin_around_it(
+    is_from_side: bool, above: float
+) -> None:
+    sprite = _finger(is_from_side)
+    nail = luminance(_at(sprite, 8, above))
+    for along, aside in ((18, above), (8, above - 5 if is_from_side else 5)):
+        assert nail > 1.1 * luminance(_at(sprite, along, aside))
+
+
+def test_finger_is_thicker_and_redder_at_its_joints() -> None:
+    sprite = _finger(is_from_side=True)
+    columns = [round(4 * (FINGER.tip - at)) - sprite.corner[0] for at in (37, 50)]
+    thickness = sprite.coverage[:, columns].sum(axis=0) / 4
+    assert thickness[1] > 1.05 * thickness[0]
+    assert 15 < thickness[0] < 19
+    joint, between = _at(sprite, 54.5, 0), _at(sprite, 65, 0)
+    assert joint[1] / joint[0] < 0.97 * between[1] / between[0]
+
+
+@pytest.mark.parametrize("kind", ["finger", "cue", "stick"])
+@pytest.mark.parametrize("velocity", ["[300, 0]", "[300, 120]", "[150, -300]"])
+def test_far_end_of_a_striker_stays_outside(
+    scene_file: Path, kind: str, velocity: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each frame shows it as one that is 1000 px longer."""
+    overrides = (
+        f"render.enter={kind}",
+        f"objects.block.velocity={velocity}",
+        "world.view=side",
+        "world.gravity=[0, 0]",
+    )
+    film = _film(scene_file, *overrides)
+    film.deliver()
+    frames = _frames(film)
+    length = striker._Way.length
+    monkeypatch.setattr(
+        striker._Way, "length", lambda way, track: length(way, track) + 1000
+    )
+    longer = _film(scene_file, *overrides)
+    longer.deliver()
+    assert np.abs(frames - _frames(longer)).max() <= 1
