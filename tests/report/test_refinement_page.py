@@ -45,7 +45,7 @@ def page_of(
     shown: Comparison | None = None,
 ) -> str:
     scene = loaded(tmp_path, SCENE)
-    record = RunRecord("scene", ["physgen"], refine=refine, unrefined=["0"] * 12)
+    record = RunRecord("scene", ["physgen"], refine=refine, unrefined_frames=["0"] * 12)
     world, film = pipeline.compile(scene, None).world, Film(video, True, video)
     first = np.zeros((150, 200, 3), np.uint8)
     return report_page(
