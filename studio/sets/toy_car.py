@@ -165,13 +165,17 @@ def clutter() -> dict[str, Part]:
     return things
 
 
+def wheel_spin(speed: float, digits: int) -> int:
+    """Spin of a wheel that rolls at `speed` m/s, degrees/s, rounded to `digits`."""
+    return int(round(float(np.degrees(speed / WHEEL)), digits))
+
+
 def stage() -> Stage:
     camera = Camera(
         "side", height=0.60, centre=(0.0, 0.20), rise=(0.05, 0.27), aperture=0.07
     )
     parts = body()
     drive = 1.875  # m/s, from the finger's push
-    turn = float(np.degrees(drive / WHEEL))
     things = [
         Thing(
             "car",
@@ -204,7 +208,7 @@ def stage() -> Stage:
             solid="disc",
             rolling=0.004,
             velocity=(drive, 0),
-            spin=round(turn),
+            spin=wheel_spin(drive, -1),
             note=note,
             extra={"layer": 1},
         )
@@ -261,9 +265,9 @@ def stage() -> Stage:
         ),
     }
 
-    def all_at(c: Camera, speed: float) -> dict:
+    def all_at(c: Camera, speed: float, digits: int = 0) -> dict:
         names = "car", "rear-wheels", "front-wheels"
-        spin = round(float(np.degrees(speed / WHEEL)))
+        spin = wheel_spin(speed, digits)
         faster = {f"objects.{name}.velocity": c.shift((speed, 0)) for name in names}
         return faster | {f"objects.{name}.spin": spin for name in names[1:]}
 
@@ -285,7 +289,7 @@ def stage() -> Stage:
                 "contact_shade": True,
             },
             "variants": {
-                "slow": all_at(c, 0.9375) | {"world.duration": 1.2},
+                "slow": all_at(c, 0.9375, -1) | {"world.duration": 1.2},
                 "stunt": all_at(c, 2.8),
                 "heavy-blocks": {
                     "objects.block-1.mass": 70,
