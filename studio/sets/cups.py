@@ -339,7 +339,7 @@ def stage() -> Stage:
 
 def sections(camera: Camera) -> dict:
     rim = [round(v, 1) for v in camera.pixel((-0.035, CUP + 0.052))]
-    handle = [round(v, 1) for v in camera.pixel((-0.035, CUP + 0.037))]
+    handle = [round(v, 1) for v in camera.pixel((-0.035, CUP + 0.03695))]
     return {
         "forces": [
             {"object": "cup-2", "impulse": camera.push((0.15625, 0)), "at": handle}
