@@ -23,7 +23,7 @@
     python benchmarks/run.py views           # the view of photos that were labelled by hand
     python benchmarks/run.py sound           # the sound of contacts: closed forms and cost
     python benchmarks/run.py sureness        # stated confidences of masses beside their errors
-    python benchmarks/run.py strangers       # clips of photos that no rule was made for; PHYSGEN_MATERIAL
+    python benchmarks/run.py strangers       # clips of photos of strangers; PHYSGEN_MATERIAL
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
 """

@@ -1,4 +1,4 @@
-"""`physgen clip` on photos that no rule was made for: what moves, and what it costs.
+"""`physgen clip` on photos of strangers: what moves, how the clip ends, and what it costs.
 
     PHYSGEN_MATERIAL=DIR python benchmarks/run.py strangers      # photos DIR/../photos/strangers
     PHYSGEN_MATERIAL=DIR python benchmarks/strangers.py OUT      # the same; keeps the clips in OUT

@@ -632,7 +632,7 @@ SECTIONS = {
     "Perceiving large photos": ("perceive", _perceive),
     "Perceiving by stage": ("stages", _stages),
     "First clips": ("first", _first),
-    "Photos that no rule was made for": ("strangers", strangers_table),
+    "Clips of unknown photos": ("strangers", strangers_table),
     "Growth with bodies": ("growth", _growth),
     "Ground truth": ("labels", _labels),
     "Editor": ("editor", editor.table),

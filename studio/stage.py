@@ -175,6 +175,7 @@ class Boundary:
     friction: float
     elasticity: float
     note: str = ""
+    static_friction: float | None = None
 
 
 @dataclass(frozen=True)
@@ -182,6 +183,8 @@ class Stage:
     """A whole studio scene."""
 
     name: str
+    title: str
+    """What happens, in a few words."""
     story: str
     """What is seen and what happens: comments at the head of the scene file."""
     camera: Camera
@@ -200,7 +203,7 @@ class Stage:
     backdrop: float | None = None
     """m from the plane of motion back to an upright wall that takes the things' shadows."""
     world: dict = field(default_factory=dict)
-    """More keys of `world` in the scene file (table, ...)."""
+    """More keys of `world` in the scene file (table, ...); they replace what the camera says."""
     sections: Callable[[Camera], dict] = lambda camera: {}
     """More sections of the scene file, in px: forces, joints, fields, render, variants."""
     diffuse: bool = False

@@ -41,18 +41,21 @@ def document(stage: Stage, light: Light) -> tuple[dict, dict[str, str]]:
             "friction": line.friction,
             "elasticity": line.elasticity,
         }
+        if line.static_friction is not None:
+            boundaries[name]["static_friction"] = line.static_friction
         if line.note:
             comments[f"boundaries.{name}"] = line.note
     found = {
         "physgen": 1,
+        "title": stage.title,
         "image": "photo.png",
         "assets": "photo.assets",
         "world": {
             "view": camera.view,
             "pixels_per_meter": tidy([camera.ppm], 3)[0],
             "duration": stage.duration,
-            **stage.world,
             **seen(stage),
+            **stage.world,
         },
         "objects": objects,
         "boundaries": boundaries,

@@ -176,11 +176,12 @@ def simulate_ensemble(
 def _new_failures(
     error: InputError, failures: Mapping[str, Problem]
 ) -> dict[str, Problem]:
-    """Return the problems of an error at new paths, by path and expectation."""
+    """Return the problems of an error that are not known, by path and expectation."""
     new_failures = {}
     for problem in error.problems:
-        if problem.path not in failures:
-            new_failures[f"{problem.path} {problem.expected}"] = problem
+        key = f"{problem.path} {problem.expected}"
+        if key not in failures:
+            new_failures[key] = problem
     return new_failures
 
 

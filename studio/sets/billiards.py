@@ -210,6 +210,7 @@ def stage() -> Stage:
     note = "where the balls' widest part meets the cushions"
     return Stage(
         "billiards",
+        "The break",
         "A break on a table without pockets, seen from above.",
         CAMERA,
         balls(),
@@ -232,6 +233,7 @@ def stage() -> Stage:
 
 def sections(camera: Camera) -> dict:
     return {
+        "render": {"sound": True},
         "variants": {
             "soft-break": {"objects.cue-ball.velocity": camera.shift((5.0, 0.422857))},
             "no-nine": {"objects.ball-9": None},

@@ -164,6 +164,7 @@ def stage() -> Stage:
 
     return Stage(
         "bottle-book",
+        "A book falls against a bottle",
         "A finger pushes at the top of a standing book. It falls, and the bottle holds it.\n"
         "Empty, the bottle falls, too (empty-bottle); pushed too gently, the book only rocks back.",
         camera,

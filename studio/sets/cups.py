@@ -119,7 +119,7 @@ def saucer(name: str, at: tuple[float, float], seed: int) -> Thing:
 def tower(x: float) -> list[Thing]:
     """A cup, a saucer on it as a lid, a cup on the saucer."""
     lid = CUP - 0.0012
-    note = "the push below is a finger's, near its rim"
+    note = "the stick pushes at its handle"
     return [
         cup("cup-1", (x, 0), 1, 1),
         saucer("saucer", (x, lid), 2),
@@ -322,14 +322,15 @@ def stage() -> Stage:
     )
     return Stage(
         "cups",
+        "A cup is pushed off its saucer",
         "White on white: cups, a saucer, a milk jug, sugar and an egg in the light of an overcast sky.\n"
-        "The upper cup of the tower gets a flick, throws the lid off the sugar bowl and tumbles over the egg.",
+        "A stick pushes the upper cup off its saucer, and the cup leans on the lid of the sugar bowl.",
         CAMERA,
         [jug(-0.0996), *tower(-0.0005), *sugar(0.1003), egg(0.1723)],
         room(),
         lights,
         {"table": Boundary([(-2, 0), (2, 0)], 0.4, 0.2)},
-        duration=1.0,
+        duration=0.6,
         softness=20,
         exposure=1.55,
         sections=sections,
@@ -338,18 +339,23 @@ def stage() -> Stage:
 
 def sections(camera: Camera) -> dict:
     rim = [round(v, 1) for v in camera.pixel((-0.035, CUP + 0.052))]
+    handle = [round(v, 1) for v in camera.pixel((-0.035, CUP + 0.03695))]
     return {
-        "forces": [{"object": "cup-2", "impulse": camera.push((0.227, 0)), "at": rim}],
-        "render": {"frames": 60, "fps": 30},
+        "forces": [
+            {"object": "cup-2", "impulse": camera.push((0.15625, 0)), "at": handle}
+        ],
+        "render": {"slow": 3, "hold": 12, "enter": "stick", "contact_shade": True},
         "variants": {
             "gentle": {"forces[0].impulse": camera.push((0.095, 0))},
-            "hard": {"forces[0].impulse": camera.push((0.275, 0))},
+            "flick": {
+                "forces[0].impulse": camera.push((0.227, 0)),
+                "forces[0].at": rim,
+            },
             "slippery": {"objects.*.friction": 0.04},
         },
         "comments": {
-            "forces[0].impulse": "0.227 N s, a flick of the finger",
-            "render": "half speed",
-            "variants.gentle": "the cup rocks and stays on its saucer",
-            "variants.hard": "both fall to the table",
+            "forces[0].impulse": "0.156 N s",
+            "variants.gentle": "the cup slides and stays on its saucer",
+            "variants.flick": "a flick near its rim: the cup tumbles over the sugar bowl and takes the lid along",
         },
     }

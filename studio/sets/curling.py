@@ -162,6 +162,7 @@ def stage() -> Stage:
 
     def sections(c: Camera) -> dict:
         return {
+            "render": {"sound": True},
             "variants": {
                 "tap": {"objects.red-1.velocity": c.shift((0.85, 0.0))},
                 "peel": {
@@ -180,6 +181,7 @@ def stage() -> Stage:
 
     return Stage(
         "curling",
+        "The last red stone",
         "Red's last stone comes in fast, slowly turning, at the yellow stone nearest to it,\n"
         "and that one has a neighbour behind it: will both be gone? Aim it by objects.red-1.velocity;\n"
         "a broom would make world.table.friction smaller.",

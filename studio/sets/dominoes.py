@@ -80,6 +80,7 @@ def stage() -> Stage:
     }
     return Stage(
         "dominoes",
+        "Nine dominoes fall",
         "A row of dominoes, slowed down two and a half times.",
         CAMERA,
         [domino(k) for k in range(COUNT)],
@@ -109,11 +110,11 @@ def sections(camera: Camera) -> dict:
                 "duration": 0.12,
             }
         ],
-        "render": {"slow": 2.5},
+        "render": {"slow": 2.5, "sound": True},
         "variants": {"gap": {"objects.domino-5": None}},
         "comments": {
             "world.pixels_per_meter": "a domino is 48 mm high, so gravity is 30,625 px/s²",
             "objects.domino-1.mass": "g",
-            "forces[0]": "a finger presses near the top until it tips, g·px/s²",
+            "forces": "a finger presses near the top until it tips, g·px/s²",
         },
     }

@@ -801,8 +801,9 @@ def stage() -> Stage:
     )
     return Stage(
         "kitchen",
+        "The top orange is pushed off",
         "Breakfast on a kitchen table, and the fruit is piled too high.\n"
-        "The top orange is pushed off: over the mug, onto the spoon.",
+        "A wooden stick pushes the top orange off: over the mug, onto the spoon.",
         CAMERA,
         [*pantry(), *pile(), *tower()],
         room(),
@@ -820,7 +821,13 @@ def stage() -> Stage:
 def sections(camera: Camera) -> dict:
     return {
         "forces": [{"object": "orange-2", "impulse": camera.push((-0.18, 0.07))}],
-        "render": {"frames": 81, "fps": 30},
+        "render": {
+            "frames": 81,
+            "fps": 30,
+            "hold": 12,
+            "enter": "stick",
+            "contact_shade": True,
+        },
         "variants": {
             "gentle-push": {"forces[0].impulse": camera.push((0.15, 0))},
             "to-the-right": {"forces[0].impulse": camera.push((0.28, 0))},

@@ -260,7 +260,7 @@ def stage() -> Stage:
 
     def sections(c: Camera) -> dict:
         return {
-            "render": {"frames": 108, "fps": 30},
+            "render": {"frames": 108, "fps": 30, "hold": 8, "contact_shade": True},
             "variants": {
                 "pushed": {
                     "forces": [{"object": "trough", "impulse": c.push((0.085, 0))}]
@@ -281,6 +281,7 @@ def stage() -> Stage:
 
     return Stage(
         "marbles",
+        "Six marbles in a trough",
         "Six marbles, all touching, let go at one side of a wooden trough: they run down together and up the other side,\n"
         "to and fro in 0.7 s, shown at two thirds of the true speed. Polished, they slip where they touch each other.\n"
         "The trough only stands on the table: it is an object like the marbles, and its outline is hollow.",

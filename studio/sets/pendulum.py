@@ -240,6 +240,7 @@ def stage() -> Stage:
 The pin of its thread is the joint below: move it, or hang a heavier ball on it."""
     return Stage(
         "pendulum",
+        "A brass ball swings into a tower",
         story,
         camera,
         [ball(), *tower()],
@@ -258,7 +259,7 @@ The pin of its thread is the joint below: move it, or hang a heavier ball on it.
                     "pivot": [float(v) for v in c.pixel(PIN).round(2)],
                 }
             },
-            "render": {"frames": 60, "fps": 25},
+            "render": {"frames": 60, "fps": 25, "hold": 8, "contact_shade": True},
             "variants": {
                 "wooden-ball": {
                     "objects.ball.mass": 41,

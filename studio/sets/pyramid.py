@@ -203,14 +203,15 @@ def stage() -> Stage:
     }
     return Stage(
         "pyramid",
+        "A rubber ball meets ten blocks",
         "Ten old toy blocks, piled with care, and a rubber ball already in the air.\n"
-        "It knocks one block off the third row; slowed down twice. Thrown harder, it takes the row and what stands on it.",
+        "It knocks one block off the third row; slowed down three times. Thrown harder, it takes the row and what stands on it.",
         CAMERA,
         things(),
         room(),
         lights,
         {"table": Boundary([(-2, 0), (2, 0)], 0.5, 0.25)},
-        duration=0.8,
+        duration=0.6,
         softness=13,
         exposure=1.3,
         diffuse=True,
@@ -222,7 +223,7 @@ def stage() -> Stage:
 
 def sections(camera: Camera) -> dict:
     return {
-        "render": {"frames": 48, "fps": 30},
+        "render": {"slow": 3, "first_blur": True, "contact_shade": True},
         "variants": {
             "throw": {"objects.ball.velocity": camera.shift((3.8, 0.1))},
             "hard-throw": {"objects.ball.velocity": camera.shift((4.8, 0.15))},
@@ -233,7 +234,6 @@ def sections(camera: Camera) -> dict:
             "no-corner": {"objects.block-1": None, "objects.ball": None},
         },
         "comments": {
-            "render": "slowed down twice",
             "variants.throw": "the third row goes, and the block on it",
             "variants.hard-throw": "they fly out of the picture",
             "variants.iron-ball": "seven times as heavy, and lower",

@@ -32,6 +32,7 @@ CARTONS = [  # along the ramp from its top, above it, wide, tall (m), mass (g), 
     ("carton-5", 0.26, 0.48, 0.26, 0.20, 1500, ""),
     ("carton-6", 0.80, 0.32, 0.24, 0.18, 1200, "KEEP DRY"),
 ]
+PUSHED = (1.16016, -0.52734)  # m/s of carton-5 after the stick, down the ramp
 
 
 def box(
@@ -73,6 +74,8 @@ def box(
         0.45,
         0.1,
         28,
+        velocity=PUSHED if name == "carton-5" else None,
+        extra={"static_friction": 1},
     )
 
 
@@ -222,10 +225,11 @@ def stage() -> Stage:
         "sun": sun((-0.85, -0.45, 0.32), DAY * [1.0, 0.93, 0.80] * 5.2, 0.3),
         "sky": sky((0.40, 0.43, 0.47), (0.34, 0.35, 0.36), (0.16, 0.15, 0.13)),
     }
-    story = """Six cartons were let go at the top of a plywood ramp. The ramp is a boundary like the floor:
-it was rubbed with wax; try sand (its friction), or make the lowest carton the heaviest."""
+    story = """Six cartons rest on a plywood ramp. A stick pushes the top one, which takes two others along.
+The ramp is a boundary like the floor. Cartons at rest hold by their static friction."""
     return Stage(
         "ramp",
+        "A carton starts a slide",
         story,
         camera,
         [box(k, *carton_) for k, carton_ in enumerate(CARTONS, 1)],
@@ -239,26 +243,40 @@ it was rubbed with wax; try sand (its friction), or make the lowest carton the h
                     tuple(TOP + DOWN * LONG),
                     tuple(FOOT),
                 ],
-                0.06,
+                0.2,
                 0.05,
-                "waxed plywood",
+                "plywood",
+                static_friction=1.5,
             ),
             "floor": Boundary([tuple(FOOT), (6, 0)], 0.6, 0.1),
         },
-        duration=1.9,
+        duration=2.1,
+        world={"ramp": 0.12},
         softness=0.3,
         sun=(-0.85, -0.45, 0.32),
         exposure=1.8,
         diffuse=True,
         sections=lambda c: {
-            "render": {"slow": 1.5},
+            "render": {
+                "slow": 1.5,
+                "hold": 12,
+                "enter": "stick",
+                "contact_shade": True,
+            },
             "variants": {
-                "sanded": {"boundaries.ramp.friction": 0.8},
+                "waxed": {
+                    "boundaries.ramp.friction": 0.06,
+                    "boundaries.ramp.static_friction": 0.06,
+                },
                 "heavy-on-top": {"objects.carton-5.mass": 15000},
                 "without-the-lowest": {
                     "objects.carton-3": None,
                     "objects.carton-6": None,
                 },
+            },
+            "comments": {
+                "world.ramp": "the time in which the stick pushes",
+                "variants.waxed": "all of them slide at once",
             },
         },
     )

@@ -165,6 +165,7 @@ def stage() -> Stage:
 
     def sections(c: Camera) -> dict:
         return {
+            "render": {"sound": True},
             "variants": {
                 "tossed": {
                     "objects.*.velocity": c.shift((0.25, 0.7)),
@@ -176,12 +177,14 @@ def stage() -> Stage:
             },
             "comments": {
                 "world.combine": "the ground's own numbers are 1, so each ball's are what counts",
+                "world.tilt": "8.5 at the balls, less towards the wall: its foot is seen at this",
                 "variants.rubber-mat": "soft: every bounce is half as high",
             },
         }
 
     return Stage(
         "rubber-balls",
+        "Five rubber balls bounce",
         "Five rubber balls, let go at once, here 42 cm up and already falling, each turning a little: side by side, and then each is itself.\n"
         "A ball comes back up to elasticity squared of the height: 34 cm for the super ball, 3 cm for the clay.",
         camera,
@@ -194,7 +197,7 @@ def stage() -> Stage:
         sun=tuple(SUN),
         backdrop=0.5,
         exposure=0.88,
-        world={"combine": "multiply"},
+        world={"combine": "multiply", "tilt": 7.6},
         sections=sections,
         film={"frames": 12, "until": 0.91},
     )

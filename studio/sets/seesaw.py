@@ -134,7 +134,7 @@ def stage() -> Stage:
             [sphere(BALL, iron)],
             {"circle": BALL},
             (0.325, 0.70),
-            4200,
+            3000,
             0.4,
             0.2,
             solid="sphere",
@@ -188,6 +188,7 @@ def stage() -> Stage:
 How high the stone flies is a matter of two masses, a height and the place of the pin."""
     return Stage(
         "seesaw",
+        "An iron ball throws a stone",
         story,
         camera,
         things,
@@ -202,7 +203,7 @@ How high the stone flies is a matter of two masses, a height and the place of th
                 "a little below what is seen",
             ),
         },
-        duration=1.9,
+        duration=2.2,
         softness=45,
         exposure=1.75,
         film=None,
@@ -213,12 +214,11 @@ How high the stone flies is a matter of two masses, a height and the place of th
                     "pivot": [float(v) for v in c.pixel(pin).round(2)],
                 }
             },
-            "render": {"frames": 86, "fps": 30},
+            "render": {"slow": 1.5, "first_blur": True, "contact_shade": True},
             "variants": {
                 "hollow-ball": {"objects.ball.mass": 900},
                 "heavy-stone": {"objects.stone.mass": 3000},
                 "thrown-down": {"objects.ball.velocity": c.shift((0, -2.2))},
             },
-            "comments": {"render": "Two thirds of the true speed."},
         },
     )

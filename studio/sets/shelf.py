@@ -259,7 +259,12 @@ def stage() -> Stage:
     def sections(c: Camera) -> dict:
         return {
             "forces": [{"object": "ball", "impulse": c.push((0.19 * 3.2, 0.19 * 0.8))}],
-            "render": {"slow": 3},
+            "render": {
+                "slow": 3,
+                "hold": 12,
+                "enter": "finger",
+                "contact_shade": True,
+            },
             "variants": {
                 "gentle": {"forces[0].impulse": c.push((0.19 * 0.5, 0))},
                 "pushed": {"forces[0].impulse": c.push((0.19 * 1.2, 0))},
@@ -273,7 +278,8 @@ def stage() -> Stage:
 
     return Stage(
         "shelf",
-        "A leather ball lies on two books in a bookcase and gets a kick: it flies over a wooden elephant.\n"
+        "A leather ball flies at books",
+        "A finger flicks a leather ball off two books in a bookcase: it flies over a wooden elephant.\n"
         "Behind the elephant stand three more books, and they lean now.",
         camera,
         [ball, toy, *books()],

@@ -203,6 +203,7 @@ def stage() -> Stage:
 
     return Stage(
         "wall-ball",
+        "A tennis ball comes back from a wall",
         "A tennis ball flies at a brick wall, comes back, and drops where an old ball lies.\n"
         "In slow motion, one second in two. Let it spin (topspin) and the wall sends it up instead.",
         camera,
