@@ -197,6 +197,10 @@ def _way(stage: Stage, world: World, strike: Strike, form: Form, pose: F64) -> _
     radius = max(radius, STRIKER.least_radius)
     arm = _rim(body, float(pose[2]), -push, strike.point) - radius * push
     scale = radius / form.tip
+    reach = 2 * form.largest_radius
+    if form.hand:
+        # A hand is wider than its finger, and has to leave the picture as well.
+        reach = max(reach, form.extent)
     height, width = stage.background.shape[:2]
     is_round = body.radius is not None
     return _Way(
@@ -206,7 +210,7 @@ def _way(stage: Stage, world: World, strike: Strike, form: Form, pose: F64) -> _
         arm if is_round else rotation(-float(pose[2])) @ arm,
         axis,
         (width, height),
-        2 * form.largest_radius * scale + MARGIN,
+        reach * scale + MARGIN,
         form.extent * scale + MARGIN,
         scale,
         world.view is View.SIDE,
@@ -281,7 +285,7 @@ def _track(way: _Way, longer: Trajectory, parts: int, hold: int) -> F64:
     track = np.zeros((len(times), 2))
     # Part of its way, px, that it comes at the speed of the hit.
     hit = min(way.speed * frame_time * hold, STRIKER.hit_share * come)
-    for sample, pose in enumerate(longer.poses[:, way.body]):
+    for sample in range(len(times)):
         # Frames since the push began.
         number = (sample + 1) / parts - 1 - hold
         if number <= 0:

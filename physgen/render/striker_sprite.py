@@ -88,7 +88,7 @@ FINE = 2
 STRIP = 64
 """Rows that are drawn at once, as many parts of a large photo's size need memory."""
 FOREARM = 900.0
-"""mm from the tip to a place that no picture shows, as a scene is smaller."""
+"""mm from the tip to the end of a forearm, which `_reach_out` continues."""
 FINGER = Form(
     tip=7.6,
     growth=0.032,
@@ -269,6 +269,7 @@ class _Relief:
 def draw_striker(stage: Stage, form: Form, placement: Placement, body: int) -> Sprite:
     """Return the sprite of a striker for a body of the trajectory."""
     start = placement.start
+    form = _reach_out(form, placement)
     room = ceil(form.extent * placement.scale) + 2 * MARGIN
     end = start + placement.axis * placement.length
     low = np.floor(np.minimum(start, end)).astype(int) - room
@@ -285,6 +286,18 @@ def draw_striker(stage: Stage, form: Form, placement: Placement, body: int) -> S
     return Sprite(
         body, (int(low[0]), int(low[1])), picture[..., :3].copy(), picture[..., 3]
     )
+
+
+def _reach_out(form: Form, placement: Placement) -> Form:
+    """Return the form with a forearm that goes on for the length of its placement."""
+    farthest = placement.length / placement.scale + form.extent
+    longer_lobes = []
+    for lobe in form.hand:
+        if lobe.end[0] == FOREARM < farthest:
+            end = (farthest, lobe.end[1])
+            radius = lobe.radii[1]
+            longer_lobes.append(Lobe(lobe.end, end, (radius, radius)))
+    return replace(form, hand=(*form.hand, *longer_lobes))
 
 
 def _fine_places(begin: int, count: int) -> F64:

@@ -67,6 +67,8 @@ class PlayerLimits:
     """Exponent of browsers: a share of linear light to the power of 1 / gamma
     approximates a share of sRGB codes.
     """
+    least_light: float = 1e-3
+    """Smallest share of light under an object: its logarithm stays finite."""
     faintest: float = 0.012
     """Minimum share of light that a visible shadow removes."""
     shadow: int = 72
@@ -343,7 +345,16 @@ def _measure_darkening(
             stand.placement,
             sprite_coverage(stage.sprites[stand.k], stand.placement),
         )
-    parts = lit.move_shadow(stand.k, now, stand.start, stand.pose)
+    parts = list(lit.move_shadow(stand.k, now, stand.start, stand.pose))
+    # `move_shadow` leaves out the shade at the base of an object that rocks.
+    contact = None
+    if now is not None:
+        contact = lit.contact_shade(stand.k, now, stand.start, stand.pose)
+    if contact is not None:
+        rows, columns = contact.box
+        box = (columns.start, rows.start, columns.stop, rows.stop)
+        green_light = np.maximum(contact.factor[..., 1], LIMITS.least_light)
+        parts.append((box, -np.log(green_light)))
     if parts:
         return joined_pictures(parts)
     return None

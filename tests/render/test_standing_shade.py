@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from physgen.geometry.polygon import Pose
-from physgen.geometry.shadows import ShadowSetting, Silhouette
+from physgen.geometry.shadows import PixelBox, ShadowSetting, Silhouette
 from physgen.photometry import DistantLight, encode_u8
 from physgen.render.contact_shades import add_contact_shades
 from physgen.render.shadow_decomposition import LitBackground, decompose_shadows
 from physgen.render.sprites import Sprite
+from physgen.render.stage import SpritePose, Stage
 from physgen.render.standing_shade import (
     STANDING,
     BaseMotion,
@@ -24,6 +25,7 @@ from physgen.render.standing_shade import (
     measure_base_motion,
     split_contact_shade,
 )
+from physgen.report import player
 
 
 def _layout() -> SimpleNamespace:
@@ -188,3 +190,35 @@ def test_shade_begins_to_move_without_a_jump() -> None:
 def test_only_standing_objects_have_contact_shade() -> None:
     assert _lit_background().casts[0].contact is not None
     assert _lit_background(height=20).casts[0].contact is None
+
+
+def test_player_shows_the_shade_of_a_rocking_object(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The page's shadow pictures have the same darkness as the frames."""
+    background = _lit_background()
+    monkeypatch.setattr(player, "sprite_coverage", lambda *_: None)
+    monkeypatch.setattr(player, "sprite_silhouette", lambda *_: _box())
+    turn = 0.05
+    stand = SimpleNamespace(
+        k=0, start=BOX.start, pose=_tilted(turn), placement="any but None"
+    )
+    stage = SimpleNamespace(sprites=[None])
+    measured = player._measure_darkening(
+        cast(Stage, stage), background, cast(SpritePose, stand)
+    )
+    assert measured is not None
+    darkness = _on_canvas(*measured)
+    expected = -np.log(_ground_light(background, turn))
+    ground = np.s_[BOX.bottom + 1 :]
+    assert expected[ground].max() > 0.1
+    assert darkness[ground] == pytest.approx(expected[ground], abs=0.02)
+
+
+def _on_canvas(box: PixelBox, picture: np.ndarray) -> np.ndarray:
+    """Return (H, W) of the photo's part of a picture, whose box may leave the photo."""
+    x0, y0, x1, y1 = box
+    margin = 500
+    wide = np.zeros((BOX.size[1] + 2 * margin, BOX.size[0] + 2 * margin), np.float32)
+    wide[y0 + margin : y1 + margin, x0 + margin : x1 + margin] = picture
+    return wide[margin:-margin, margin:-margin]

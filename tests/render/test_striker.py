@@ -181,8 +181,8 @@ def test_striker_leaves_the_picture_after_a_long_push(scene_file: Path) -> None:
     assert np.abs(_frames(film)[-1] - _frames(plain)[-1]).max() <= 8
 
 
-def _finger(is_from_side: bool) -> Sprite:
-    """Return a finger to the left of its tip, 4 px a mm, in even light."""
+def _finger(is_from_side: bool, length: float = 400, scale: float = 4) -> Sprite:
+    """Return a finger to the left of its tip, `scale` px a mm, in even light."""
     light = SimpleNamespace(direction=(0.0, -0.6, 0.8), ambient=0.5, intensity=0.5)
     background = SimpleNamespace(setting=SimpleNamespace(light=light))
     stage = SimpleNamespace(
@@ -191,7 +191,7 @@ def _finger(is_from_side: bool) -> Sprite:
         sprites=[],
     )
     axis = np.array([-1.0, 0.0])
-    placement = Placement(np.zeros(2), axis, 400, 4, is_from_side)
+    placement = Placement(np.zeros(2), axis, length, scale, is_from_side)
     return draw_striker(stage, FINGER, placement, 0)
 
 
@@ -222,6 +222,13 @@ def test_finger_is_thicker_and_redder_at_its_joints() -> None:
     assert 15 < thickness[0] < 19
     joint, between = _at(sprite, 54.5, 0), _at(sprite, 65, 0)
     assert joint[1] / joint[0] < 0.97 * between[1] / between[0]
+
+
+def test_forearm_of_a_small_hand_goes_on_to_its_end() -> None:
+    length = 1500
+    sprite = _finger(is_from_side=True, length=length, scale=0.5)
+    column = -length - sprite.corner[0]
+    assert (sprite.coverage[:, column] == 1).any()
 
 
 @pytest.mark.parametrize("kind", ["finger", "cue", "stick"])
