@@ -44,9 +44,14 @@ BORDER = 0.005
 
 def strangers(folder: Path) -> list[dict[str, Any]]:
     """Make a clip of each photo; return a row of measures for each."""
-    photos = Path(os.environ["PHYSGEN_MATERIAL"]).parent / "photos" / "strangers"
+    if "PHYSGEN_MATERIAL" not in os.environ:
+        sys.exit("PHYSGEN_MATERIAL: name the folder beside photos/strangers")
+    folder_of_photos = Path(os.environ["PHYSGEN_MATERIAL"]).parent / "photos/strangers"
+    photos = sorted(folder_of_photos.glob("*.jpg"))
+    if not photos:
+        sys.exit(f"{folder_of_photos}: no photos (*.jpg); set PHYSGEN_MATERIAL")
     rows = []
-    for photo in sorted(photos.glob("*.jpg")):
+    for photo in photos:
         command = [sys.executable, __file__, "--photo", str(photo), str(folder)]
         environment = os.environ | ONE_THREAD
         out = run(command, check=True, capture_output=True, text=True, env=environment)
@@ -194,6 +199,8 @@ def _describe_end(row: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit("name the folder for the clips: python benchmarks/strangers.py OUT")
     if sys.argv[1] == "--photo":
         print(json.dumps(measure_clip(Path(sys.argv[2]), Path(sys.argv[3]))))
     else:
