@@ -31,6 +31,7 @@ from physgen.perceive.bites import fill_bites
 from physgen.perceive.ground_lobes import detach_ground
 from physgen.perceive.hidden_parts import continue_outlines
 from physgen.perceive.inpaint.outgrowths import attach_outgrowths
+from physgen.perceive.lower_rims import refine_lower_rims
 from physgen.perceive.part_joints import close_part_joints
 from physgen.perceive.perception_run import ROLES, PerceptionRun, nearest_labels
 from physgen.perceive.photo_objects import (
@@ -203,8 +204,10 @@ def _segment_photo(
     labels = attach_outgrowths(run.rgb, labels)
     # Models of the extras draw finer masks than the network that fills bites.
     if run.core("segment"):
-        labels = fill_bites(run.rgb, labels)
-        labels = detach_ground(run.rgb, labels)
+        filled_labels = fill_bites(run.rgb, labels)
+        bites = filled_labels != labels
+        labels = detach_ground(run.rgb, filled_labels)
+        labels = refine_lower_rims(run.rgb, labels, bites)
     labels = close_part_joints(detections.labels, labels)
     detections = replace(detections, labels=labels)
     detections = attach_loose_parts(run.rgb, detections, view)
