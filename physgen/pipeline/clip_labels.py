@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from physgen.export.formats import check_fits, choose_formats, open_writers
 from physgen.messages import Message
 from physgen.pipeline.film import Film
+from physgen.pipeline.labelling import labelled_clip, open_queue
 from physgen.progress import Progress
 from physgen.report.folders import (
     lost_files,
@@ -51,7 +53,6 @@ class Labels:
         """
         if not formats:
             return cls((), None)
-        from physgen.export.formats import check_fits, choose_formats
 
         label_formats = choose_formats(formats)
         check_fits(label_formats, scene, maps)
@@ -80,8 +81,6 @@ class Labels:
         if not self.kinds:
             yield lambda frames: frames
             return
-        from physgen.export.formats import open_writers
-        from physgen.pipeline.labelling import labelled_clip, open_queue
 
         shot = film.shot(trajectory)
         clip = labelled_clip(film, trajectory, record, self.maps)
