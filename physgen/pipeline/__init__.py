@@ -37,7 +37,7 @@ __all__ = [
 # A command imports the modules of the stages that it runs, and no others.
 __getattr__, *_ = lazy_loader.attach(
     __name__,
-    ["pushes", "stages", "story_server"],
+    ["clip_warnings", "pushes", "refreshing", "stages", "story_server"],
     {
         "clip": ["Page", "RenderOptions", "output_name", "render_scene"],
         "perceiving": ["import_physgen", "perceive"],

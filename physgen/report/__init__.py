@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
+    from physgen.report import clips as clips
     from physgen.report import films as films
+    from physgen.report import folders as folders
+    from physgen.report import gallery as gallery
     from physgen.report import html as html
     from physgen.report import overview as overview
     from physgen.report import page as page
@@ -17,5 +20,16 @@ if TYPE_CHECKING:
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
-    ["films", "html", "overview", "page", "perception", "player", "uncertainty"],
+    [
+        "clips",
+        "films",
+        "folders",
+        "gallery",
+        "html",
+        "overview",
+        "page",
+        "perception",
+        "player",
+        "uncertainty",
+    ],
 )
