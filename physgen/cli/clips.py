@@ -238,7 +238,9 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     # All jobs of a command share these options; each job adds its scene and edits.
     common = pipeline.RenderOptions(
         allow_outside=options.allow_outside,
-        formats=tuple(map(export.video.Format, options.format or DEFAULT_FORMATS)),
+        formats=tuple(
+            map(export.video_formats.Format, options.format or DEFAULT_FORMATS)
+        ),
         command=tuple(options.command_line),
         models=tuple(
             f"--{flag}={value}" for flag, value in models.items() if value is not None

@@ -11,5 +11,8 @@ import lazy_loader
 if TYPE_CHECKING:
     from physgen.export import formats as formats
     from physgen.export import video as video
+    from physgen.export import video_formats as video_formats
 
-__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, ["formats", "video"])
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__, ["formats", "video", "video_formats"]
+)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from physgen import report, simulate
 from physgen.compile.shapes import shapes_of
-from physgen.export.video import I16, U8, Format
+from physgen.export.video_formats import I16, U8, Format
 from physgen.files import file_stamp
 from physgen.messages import Message
 from physgen.pipeline.clip_warnings import (
@@ -40,7 +40,7 @@ from physgen.pipeline.refining import (
     guidance_footage,
     refine_footage,
 )
-from physgen.pipeline.sounding import sound_section, write_sound
+from physgen.pipeline.sounding import write_sound
 from physgen.pipeline.stages import Keep, Maps, Stages, fan, lint, render, resolved
 from physgen.pipeline.writing import VideoFiles
 from physgen.problems import (
@@ -556,7 +556,7 @@ class _Run:
         if track is None:
             return None
         if self.paged:
-            self._sound_section = sound_section(track)
+            self._sound_section = report.listening.sound_section(track)
         return track.samples
 
     def _truth(self, folder: Path) -> Path:

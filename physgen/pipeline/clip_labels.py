@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.export.formats import check_fits, choose_formats, open_writers
+from physgen import export
 from physgen.messages import Message
 from physgen.pipeline.film import Film
 from physgen.pipeline.labelling import labelled_clip, open_queue
@@ -54,8 +54,8 @@ class Labels:
         if not formats:
             return cls((), None)
 
-        label_formats = choose_formats(formats)
-        check_fits(label_formats, scene, maps)
+        label_formats = export.formats.choose_formats(formats)
+        export.formats.check_fits(label_formats, scene, maps)
         return cls(
             label_formats, maps if any(kind.needs for kind in label_formats) else None
         )
@@ -88,7 +88,7 @@ class Labels:
         with ExitStack() as open_files:
             with record.stage("export"):
                 writers = open_files.enter_context(
-                    open_writers(self.kinds, folder, clip)
+                    export.formats.open_writers(self.kinds, folder, clip)
                 )
 
             def write(moment: Moment | None) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physgen import report, simulate
-from physgen.export.video import U8
+from physgen.export.video_formats import U8
 
 if TYPE_CHECKING:
     from physgen.compile.world import World

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from physgen import refine, registry, report
-from physgen.export.video import U8
+from physgen.export.video_formats import U8
 from physgen.pipeline.film import Film
 from physgen.problems import InputError, Problem
 from physgen.progress import Progress

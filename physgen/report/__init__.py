@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from physgen.report import folders as folders
     from physgen.report import gallery as gallery
     from physgen.report import html as html
+    from physgen.report import listening as listening
     from physgen.report import overview as overview
     from physgen.report import page as page
     from physgen.report import perception as perception
@@ -26,6 +27,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "folders",
         "gallery",
         "html",
+        "listening",
         "overview",
         "page",
         "perception",
