@@ -10,6 +10,11 @@ from physgen.problems import Warn, ignore_warning
 from physgen.progress import Progress, silent
 
 if TYPE_CHECKING:
+    from physgen.pipeline import clip_warnings as clip_warnings
+    from physgen.pipeline import pushes as pushes
+    from physgen.pipeline import refreshing as refreshing
+    from physgen.pipeline import stages as stages
+    from physgen.pipeline import story_server as story_server
     from physgen.pipeline.clip import Page, RenderOptions, output_name, render_scene
     from physgen.pipeline.perceiving import import_physgen, perceive
     from physgen.pipeline.refining import Refiners

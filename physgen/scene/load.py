@@ -34,7 +34,6 @@ from physgen.scene.overlay import (
     targets,
     variants_of,
 )
-from physgen.scene.provenance import apply_consequences
 from physgen.scene.rules import Files, check_rules
 from physgen.scene.schema import (
     with_defaults,
@@ -309,6 +308,8 @@ def _apply_consequences(root: Node, file: Node, ground: Ground) -> tuple[Node, R
     record, tree = ground.record, in_numbers(root)
     if not record.objects or ground.size is None:
         return tree, record
+    # Only scenes with a photo need OpenCV.
+    from physgen.scene.provenance import apply_consequences
 
     data = to_plain_data(tree)
     outlines: dict[str, Any] = {}

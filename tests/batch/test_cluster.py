@@ -19,6 +19,7 @@ import pytest
 from dask_processes import Cluster, wait_until
 from distributed import Client
 
+from physgen import batch
 from physgen.batch import cluster
 from physgen.batch.cluster import BatchSize, run_batch, run_on_cluster
 from physgen.batch.run import Job, JobResult, report_failure, run
@@ -358,6 +359,7 @@ def test_an_unusable_cluster_is_one_message(lesson: Path, capsys, monkeypatch) -
     assert refused.startswith('--ship: "/proc/nowhere" cannot be written (')
     monkeypatch.setitem(sys.modules, "distributed", None)
     monkeypatch.delitem(sys.modules, cluster.__name__)
+    monkeypatch.delattr(batch, "cluster")
     refused = message("--cluster", "a.json")
     needs = '--cluster: "a.json" needs Dask, which is not installed; '
     assert refused == needs + install("cluster")
