@@ -345,7 +345,13 @@ def sections(camera: Camera) -> dict:
         "forces": [
             {"object": "cup-2", "impulse": camera.push((0.0796875, 0)), "at": edge}
         ],
-        "render": {"slow": 3, "hold": 12, "enter": "stick", "contact_shade": True},
+        "render": {
+            "slow": 3,
+            "hold": 12,
+            "enter": "stick",
+            "contact_shade": True,
+            "smooth_outlines": True,
+        },
         "variants": {
             "gentle": {
                 "forces[0].impulse": camera.push((0.095, 0)),

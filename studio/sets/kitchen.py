@@ -826,6 +826,7 @@ def sections(camera: Camera) -> dict:
             "hold": 12,
             "enter": "stick",
             "contact_shade": True,
+            "smooth_outlines": True,
         },
         "variants": {
             "gentle-push": {

@@ -259,7 +259,13 @@ The pin of its thread is the joint below: move it, or hang a heavier ball on it.
                     "pivot": [float(v) for v in c.pixel(PIN).round(2)],
                 }
             },
-            "render": {"frames": 75, "fps": 25, "hold": 8, "contact_shade": True},
+            "render": {
+                "frames": 75,
+                "fps": 25,
+                "hold": 8,
+                "contact_shade": True,
+                "smooth_outlines": True,
+            },
             "variants": {
                 "wooden-ball": {
                     "objects.ball.mass": 41,

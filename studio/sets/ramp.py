@@ -262,6 +262,7 @@ The ramp is a boundary like the floor. Cartons at rest hold by their static fric
                 "hold": 12,
                 "enter": "stick",
                 "contact_shade": True,
+                "smooth_outlines": True,
             },
             "variants": {
                 "waxed": {

@@ -214,7 +214,12 @@ How high the stone flies is a matter of two masses, a height and the place of th
                     "pivot": [float(v) for v in c.pixel(pin).round(2)],
                 }
             },
-            "render": {"slow": 1.5, "first_blur": True, "contact_shade": True},
+            "render": {
+                "slow": 1.5,
+                "first_blur": True,
+                "contact_shade": True,
+                "smooth_outlines": True,
+            },
             "variants": {
                 "hollow-ball": {"objects.ball.mass": 900},
                 "heavy-stone": {"objects.stone.mass": 3000},

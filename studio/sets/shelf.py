@@ -264,6 +264,7 @@ def stage() -> Stage:
                 "hold": 12,
                 "enter": "finger",
                 "contact_shade": True,
+                "smooth_outlines": True,
             },
             "variants": {
                 "gentle": {

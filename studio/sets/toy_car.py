@@ -287,6 +287,7 @@ def stage() -> Stage:
                 "hold": 12,
                 "enter": "finger",
                 "contact_shade": True,
+                "smooth_outlines": True,
             },
             "variants": {
                 "slow": all_at(c, 0.9375, -1) | {"world.duration": 1.2},
