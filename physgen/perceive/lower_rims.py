@@ -38,8 +38,6 @@ class RimConstants:
     """px: size of an object in the search."""
     least_area: float = 0.01
     """Least area of an object over the photo's."""
-    least_pixels: int = 2000
-    """px: least area of an object."""
     objects: int = 5
     """Number of searched objects, the largest ones."""
     surroundings: float = 0.3
@@ -48,9 +46,9 @@ class RimConstants:
     """Blur of the outline over the object's size."""
     band: float = 0.05
     """Half the width of the searched ribbon over the object's size."""
-    beside: float = 0.06
+    compared_width: float = 0.06
     """Width of the compared pixels on either side of the ribbon, over the size."""
-    low: float = 0.5
+    lower_share: float = 0.5
     """Share of the object's height, from below, with a searched outline."""
     stretch: float = 0.3
     """Half the length of a stretch with common colours, over the object's size."""
@@ -66,38 +64,33 @@ class RimConstants:
         (1.0, 0.6), (0.85, 0.15), (0.7, 0.1), (0.5, 0.08), (0.35, 0.07),
     )  # fmt: skip
     """Brightness of shaded ground over that of lit ground, and its frequency."""
-    clear: float = 2.0
+    lit_limit: float = 2.0
     """Largest logarithm of a ratio of likelihoods of colours."""
-    unclear: float = 0.6
+    shade_limit: float = 0.6
     """The same for ground that may be shaded: the base of an object is dark, too."""
     chance: float = 0.02
     """Least chance of the object and of the ground in the network's map."""
     colour: float = 0.4
-    """Weight of colours: neighbours are not independent."""
+    """Weight of colours, and least evidence for the object in known pixels."""
     network: float = 0.5
     """Weight of the network's chances."""
-    known: float = 0.4
-    """Least evidence for the object in known pixels, of its largest clear colours."""
-    thickness: float = 20.0
-    """px: half width of a ribbon for these costs; those of another one are scaled."""
     edge: float = 6.0
     """Gain of a border along a clear edge."""
     texture: float = 2.0
     """Difference of colours at half a clear edge over that within the ground."""
     noise: float = 20.0
     """8-bit levels: the same over plain ground."""
-    stay: float = 0.5
+    shift_cost: float = 0.5
     """Cost of a distance from the mask's border, by px."""
-    bend: float = 1.0
+    bend_cost: float = 1.0
     """Cost of a change of the distance from the outline, by px."""
     slope: int = 3
     """px: largest such change between neighbours."""
     shift: float = 1.5
     """px: a border that moves by less stays as it is."""
     margin: float = 0.015
-    """Length of outline beside a moved border that follows the path, over the size."""
-    contact: float = 0.02
-    """Length of outline beside another object that stays, over the size."""
+    """Length of outline over the size: beside a moved border it follows the path, beside
+    another object it stays."""
 
 
 RIMS = RimConstants()
@@ -118,7 +111,7 @@ def refine_lower_rims(photo: Rgb, labels: Labels, known: Mask) -> Labels:
         evidence = ribbon.evidence(_sample_chances(chances, box, ribbon, view))
         if known.any():
             is_known = _sample_mask(known, ribbon, view)
-            own_evidence = np.minimum(evidence, -RIMS.known)
+            own_evidence = np.minimum(evidence, -RIMS.colour)
             evidence = np.where(is_known, own_evidence, evidence)
         offsets = ribbon.best_offsets(evidence)
         _move_rim(result, number, ribbon, view, offsets)
@@ -129,7 +122,7 @@ def _large_objects(labels: Labels) -> Iterator[int]:
     """Yield the ids of the objects that are large enough, the largest first."""
     areas = np.bincount(labels.ravel())
     areas[0] = 0
-    least = max(RIMS.least_pixels, RIMS.least_area * labels.size)
+    least = RIMS.least_area * labels.size
     for number in np.argsort(-areas, kind="stable")[: RIMS.objects].tolist():
         if areas[number] >= least:
             yield number
@@ -220,15 +213,15 @@ class _Ribbon:
             return None
         normals = _outer_normals(outline, max(2.0, 2 * RIMS.smoothing * size))
         half_width = max(3, round(RIMS.band * size))
-        reach = half_width + max(3, round(RIMS.beside * size))
+        reach = half_width + max(3, round(RIMS.compared_width * size))
         places = _places(outline, normals, np.arange(-reach, reach + 1))
         colours = _sample(view.photo, places, cv2.INTER_LINEAR)
         labels = _sample(view.labels.astype(np.float32), places, cv2.INTER_NEAREST)
         is_own = labels == view.number
         is_ground = labels == 0
-        searched = slice(reach - half_width, reach + half_width + 1)
-        is_other = ~(is_own | is_ground)[:, searched]
-        stays = _near(is_other.any(axis=1), max(3, round(RIMS.contact * size)))
+        columns = slice(reach - half_width, reach + half_width + 1)
+        is_other = ~(is_own | is_ground)[:, columns]
+        is_contact = _near(is_other.any(axis=1), max(3, round(RIMS.margin * size)))
         return _Ribbon(
             outline=outline,
             normals=normals,
@@ -237,7 +230,7 @@ class _Ribbon:
             colours=np.asarray(colours, np.uint8),
             is_own=np.asarray(is_own),
             is_ground=np.asarray(is_ground),
-            is_searched=np.asarray(_faces_down(outline, normals) & ~stays),
+            is_searched=np.asarray(_faces_down(outline, normals) & ~is_contact),
         )
 
     @property
@@ -262,10 +255,10 @@ class _Ribbon:
 
         `network` (n, m) is the logarithm of the odds of the object.
         """
-        lit, shaded = self._colour_evidence()
-        lit = np.clip(lit, -RIMS.clear, RIMS.clear)
-        shaded = np.clip(shaded, -RIMS.clear, RIMS.unclear)
-        colour = np.maximum(lit, shaded)
+        lit_evidence, shade_evidence = self._colour_evidence()
+        lit_evidence = np.clip(lit_evidence, -RIMS.lit_limit, RIMS.lit_limit)
+        shade_evidence = np.clip(shade_evidence, -RIMS.lit_limit, RIMS.shade_limit)
+        colour = np.maximum(lit_evidence, shade_evidence)
         return np.asarray(RIMS.colour * colour - RIMS.network * network)
 
     def _colour_evidence(self) -> tuple[F64, F64]:
@@ -274,26 +267,24 @@ class _Ribbon:
         """
         count = len(self.outline)
         half_length = RIMS.stretch * self.size
-        stretches = max(4, round(2 * count / half_length))
         cells = self._cells()
-        lit = np.zeros((count, 2 * self.half_width + 1))
-        shaded = np.zeros_like(lit)
-        total = np.full((count, 1), 1e-6)
-        for k in range(stretches):
-            middle = (k + 0.5) * count / stretches
-            distance = np.abs((np.arange(count) - middle + count / 2) % count)
-            distance = np.abs(distance - count / 2)
-            near = np.flatnonzero(distance <= half_length * 2 / 3)
-            if not self.is_searched[near].any():
-                continue
-            ratios = self._ratios(np.flatnonzero(distance <= half_length))
+        sums = np.zeros((2, *cells.shape))
+        total = np.full((count, 1), np.finfo(np.float64).tiny)
+        middles = np.arange(0, count, max(1, half_length / 2))
+        for middle in middles.tolist():
+            distance = np.abs(np.arange(count) - middle)
+            distance = np.minimum(distance, count - distance)
+            rows = np.flatnonzero(distance < half_length)
+            ratios = None
+            if self.is_searched[rows].any():
+                ratios = self._ratios(rows)
             if ratios is None:
                 continue
-            weight = np.maximum(1 - distance[near] / (half_length * 2 / 3), 0.01)
-            lit[near] += weight[:, None] * ratios[0][cells[near]]
-            shaded[near] += weight[:, None] * ratios[1][cells[near]]
-            total[near] += weight[:, None]
-        return lit / total, shaded / total
+            weight = 1 - distance[rows, None] / half_length
+            for kind in (0, 1):
+                sums[kind, rows] += weight * ratios[kind][cells[rows]]
+            total[rows] += weight
+        return sums[0] / total, sums[1] / total
 
     def _cells(self) -> Ints:
         """Return the cell of the colour space (n, m) of each searched pixel."""
@@ -305,22 +296,28 @@ class _Ribbon:
 
         None without enough pixels.
         """
-        middle = self.colours.shape[1] // 2
-        offsets = np.abs(np.arange(self.colours.shape[1]) - middle)
-        weights = np.clip((offsets - 1) / self.half_width, 0, 1) * RIMS.inner_weight
-        weights[offsets > self.half_width] = 1
-        is_inner = np.arange(self.colours.shape[1]) < middle - 1
-        is_outer = np.arange(self.colours.shape[1]) > middle + 1
-        own = self.is_own[rows] & is_inner
-        ground = self.is_ground[rows] & is_outer
-        if min(np.count_nonzero(own), np.count_nonzero(ground)) < RIMS.sample:
+        columns = np.arange(self.colours.shape[1])
+        middle = len(columns) // 2
+        distance = np.abs(columns - middle)
+        weights = np.clip((distance - 1) / self.half_width, 0, 1) * RIMS.inner_weight
+        weights[distance > self.half_width] = 1
+        own_pixels = self.is_own[rows] & (columns < middle - 1)
+        ground_pixels = self.is_ground[rows] & (columns > middle + 1)
+        if (
+            min(np.count_nonzero(own_pixels), np.count_nonzero(ground_pixels))
+            < RIMS.sample
+        ):
             return None
-        weights = np.broadcast_to(weights, own.shape)
+        weights = np.broadcast_to(weights, own_pixels.shape)
         colours = self.colours[rows]
-        own_likelihood = _likelihoods(colours[own], weights[own], ((1.0, 1.0),))
+        own_likelihood = _likelihoods(
+            colours[own_pixels], weights[own_pixels], ((1.0, 1.0),)
+        )
         ratios = []
         for shades in (((1.0, 1.0),), RIMS.shades):
-            likelihood = _likelihoods(colours[ground], weights[ground], shades)
+            likelihood = _likelihoods(
+                colours[ground_pixels], weights[ground_pixels], shades
+            )
             ratios.append(
                 np.log((likelihood + RIMS.floor) / (own_likelihood + RIMS.floor))
             )
@@ -328,10 +325,10 @@ class _Ribbon:
 
     def edges(self) -> F64:
         """Return the clearness (n, m), 0..1, of edges along the outline."""
-        smooth = cv2.GaussianBlur(
+        smooth_colours = cv2.GaussianBlur(
             self.colours.astype(np.float32), (5, 9), sigmaX=0.8, sigmaY=1.5
         )
-        slope = np.abs(smooth[:, 2:] - smooth[:, :-2]).max(axis=2)
+        slope = np.abs(smooth_colours[:, 2:] - smooth_colours[:, :-2]).max(axis=2)
         slope = np.pad(slope, ((0, 0), (1, 1)))
         is_far = self.is_ground.copy()
         is_far[:, : self.searched.stop] = False
@@ -349,11 +346,11 @@ class _Ribbon:
 
         `evidence` (n, m) is the evidence for ground.
         """
-        costs = evidence * (RIMS.thickness / self.half_width)
+        costs = evidence * (RIMS.side * RIMS.band / self.half_width)
         costs = np.cumsum(costs, axis=1) - costs / 2
         costs -= RIMS.edge * self.edges()
         distance = np.abs(self.offsets - self.mask_offsets[:, None])
-        costs += RIMS.stay * (RIMS.thickness / self.half_width) * distance
+        costs += RIMS.shift_cost * (RIMS.side * RIMS.band / self.half_width) * distance
         # Elsewhere the path is the outline itself.
         other_costs = np.where(self.offsets == 0, 0.0, np.inf)
         costs = np.where(self.is_searched[:, None], costs, other_costs)
@@ -371,9 +368,12 @@ class _Ribbon:
         edges = self.edges()
         points = np.arange(len(offsets))
         largest = edges.shape[1] - 1
-        new = np.clip(np.rint(offsets + self.half_width), 0, largest)
-        old = np.clip(np.rint(self.mask_offsets + self.half_width), 0, largest)
-        gains = edges[points, new.astype(np.intp)] - edges[points, old.astype(np.intp)]
+        new_columns = np.clip(np.rint(offsets + self.half_width), 0, largest)
+        old_columns = np.clip(np.rint(self.mask_offsets + self.half_width), 0, largest)
+        gains = (
+            edges[points, new_columns.astype(np.intp)]
+            - edges[points, old_columns.astype(np.intp)]
+        )
         is_start = is_moved & ~np.concatenate([[False], is_moved[:-1]])
         stretches = np.cumsum(is_start) * is_moved
         totals = np.bincount(stretches, gains)
@@ -384,22 +384,22 @@ class _Ribbon:
 
 def _smooth_outline(mask: Mask, sigma: float) -> F64 | None:
     """Return points (n, 2) at distances of 1 px along the largest outline of a mask."""
-    blurred = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), sigma)
+    blurred_mask = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), sigma)
     contours, _ = cv2.findContours(
-        (blurred >= 0.5).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        (blurred_mask >= 0.5).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
     )
     if not contours:
         return None
     points = max(contours, key=cv2.contourArea)[:, 0].astype(np.float64)
-    closed = np.concatenate([points, points[:1]])
-    steps = np.hypot(*np.diff(closed, axis=0).T)
+    ring = np.concatenate([points, points[:1]])
+    steps = np.hypot(*np.diff(ring, axis=0).T)
     length = np.concatenate([[0.0], np.cumsum(steps)])
     count = int(length[-1])
     if count < RIMS.sample:
         return None
     positions = np.arange(count) * length[-1] / count
-    x = np.interp(positions, length, closed[:, 0])
-    y = np.interp(positions, length, closed[:, 1])
+    x = np.interp(positions, length, ring[:, 0])
+    y = np.interp(positions, length, ring[:, 1])
     return _blur_ring(np.stack([x, y], axis=1), sigma)
 
 
@@ -417,7 +417,7 @@ def _outer_normals(outline: F64, sigma: float) -> F64:
 def _faces_down(outline: F64, normals: F64) -> Mask:
     """Return the points (n,) of the lower part of an outline that face the ground."""
     y = outline[:, 1]
-    least = y.max() - RIMS.low * np.ptp(y)
+    least = y.max() - RIMS.lower_share * np.ptp(y)
     return np.asarray((normals[:, 1] > 0) & (y > least))
 
 
@@ -486,8 +486,8 @@ def _likelihoods(
         counts += frequency * np.bincount(cells, weights, len(counts))
     cube = counts.reshape((RIMS.bins,) * 3)
     for axis in range(3):
-        padded = np.pad(np.moveaxis(cube, axis, 0), ((1, 1), (0, 0), (0, 0)))
-        mean = padded[1:-1] / 2 + (padded[:-2] + padded[2:]) / 4
+        padded_values = np.pad(np.moveaxis(cube, axis, 0), ((1, 1), (0, 0), (0, 0)))
+        mean = padded_values[1:-1] / 2 + (padded_values[:-2] + padded_values[2:]) / 4
         cube = np.moveaxis(mean, 0, axis)
     return np.asarray(cube.ravel() / cube.sum())
 
@@ -497,9 +497,9 @@ def _blur_ring(values: F64, sigma: float) -> F64:
     reach = min(round(3 * sigma) + 1, len(values))
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
     weights /= weights.sum()
-    padded = np.concatenate([values[-reach:], values, values[:reach]])
+    padded_values = np.concatenate([values[-reach:], values, values[:reach]])
     columns = []
-    for column in padded.T:
+    for column in padded_values.T:
         columns.append(np.convolve(column, weights, "valid"))
     return np.stack(columns, axis=1)
 
@@ -507,8 +507,8 @@ def _blur_ring(values: F64, sigma: float) -> F64:
 def _ring_sums(values: F64, reach: int) -> F64:
     """Return the sums (n,) of values along a closed outline within `reach` points."""
     reach = min(reach, len(values) // 2)
-    padded = np.concatenate([values[-reach:], values, values[:reach]])
-    return np.convolve(padded, np.ones(2 * reach + 1), "valid")
+    padded_values = np.concatenate([values[-reach:], values, values[:reach]])
+    return np.convolve(padded_values, np.ones(2 * reach + 1), "valid")
 
 
 def _near(flags: Mask, reach: int) -> Mask:
@@ -521,16 +521,16 @@ def _shortest_path(costs: F64) -> Ints:
     rows, columns = costs.shape
     reach = RIMS.slope
     steps = np.arange(-reach, reach + 1)
-    bend_costs = RIMS.bend * np.abs(steps)[:, None]
+    bend_costs = RIMS.bend_cost * np.abs(steps)[:, None]
     neighbours = np.arange(columns) + np.arange(len(steps))[:, None]
     step_choice = np.zeros((rows, columns), np.intp)
     total = costs[0]
     for row in range(1, rows):
-        padded = np.pad(total, reach, constant_values=np.inf)
-        candidates = padded[neighbours] + bend_costs
-        best = candidates.argmin(axis=0)
-        step_choice[row] = steps[best]
-        total = candidates[best, np.arange(columns)] + costs[row]
+        padded_values = np.pad(total, reach, constant_values=np.inf)
+        candidates = padded_values[neighbours] + bend_costs
+        choice = candidates.argmin(axis=0)
+        step_choice[row] = steps[choice]
+        total = candidates[choice, np.arange(columns)] + costs[row]
     path = np.zeros(rows, np.intp)
     path[-1] = total.argmin()
     for row in range(rows - 1, 0, -1):
@@ -549,15 +549,23 @@ def _move_rim(
         return
     smooth_offsets = _blur_ring(offsets[:, None], RIMS.shift)
     border = view.to_photo(ribbon.outline + smooth_offsets * ribbon.normals)
-    inside = _fill(labels.shape, [border])
+    inside_mask = _fill(labels.shape, [border])
     reach = ribbon.half_width + 2
-    inner = view.to_photo(ribbon.outline - reach * ribbon.normals)
-    outer = view.to_photo(ribbon.outline + reach * ribbon.normals)
+    inner_points = view.to_photo(ribbon.outline - reach * ribbon.normals)
+    outer_points = view.to_photo(ribbon.outline + reach * ribbon.normals)
     ends = (starts + 1) % len(offsets)
-    cells = np.stack([inner[starts], inner[ends], outer[ends], outer[starts]], axis=1)
+    cells = np.stack(
+        [
+            inner_points[starts],
+            inner_points[ends],
+            outer_points[ends],
+            outer_points[starts],
+        ],
+        axis=1,
+    )
     zone = _fill(labels.shape, list(cells))
-    labels[zone & ~inside & (labels == number)] = 0
-    labels[zone & inside & (labels == 0)] = number
+    labels[zone & ~inside_mask & (labels == number)] = 0
+    labels[zone & inside_mask & (labels == 0)] = number
 
 
 FRACTION_BITS = 4
