@@ -105,14 +105,14 @@ def refine_lower_rims(photo: Rgb, labels: Labels, known: Mask) -> Labels:
     for number in _large_objects(labels):
         view = _View.create(photo, labels, number)
         ribbon = _Ribbon.create(view)
-        if ribbon is None or not ribbon.is_searched.any():
+        if ribbon is None or not ribbon.rim_points.any():
             continue
         chances, box = object_chances(photo, box_of(labels == number))
         evidence = ribbon.evidence(_sample_chances(chances, box, ribbon, view))
         if known.any():
-            is_known = _sample_mask(known, ribbon, view)
+            known_pixels = _sample_mask(known, ribbon, view)
             own_evidence = np.minimum(evidence, -RIMS.colour)
-            evidence = np.where(is_known, own_evidence, evidence)
+            evidence = np.where(known_pixels, own_evidence, evidence)
         offsets = ribbon.best_offsets(evidence)
         _move_rim(result, number, ribbon, view, offsets)
     return result
@@ -122,9 +122,9 @@ def _large_objects(labels: Labels) -> Iterator[int]:
     """Yield the ids of the objects that are large enough, the largest first."""
     areas = np.bincount(labels.ravel())
     areas[0] = 0
-    least = RIMS.least_area * labels.size
+    least_area = RIMS.least_area * labels.size
     for number in np.argsort(-areas, kind="stable")[: RIMS.objects].tolist():
-        if areas[number] >= least:
+        if areas[number] >= least_area:
             yield number
 
 
@@ -150,23 +150,21 @@ class _View:
     @staticmethod
     def create(photo: Rgb, labels: Labels, number: int) -> _View:
         """Return the view of an object of a photo (H, W, 3)."""
-        mask = labels == number
-        size = float(np.sqrt(np.count_nonzero(mask)))
+        size = float(np.sqrt(np.count_nonzero(labels == number)))
         scale = min(1.0, RIMS.side / size)
         margin = round(RIMS.surroundings * size)
-        left, top, right, bottom = box_of(mask)
+        left, top, right, bottom = box_of(labels == number)
         rows = slice(max(0, top - margin), bottom + margin)
         columns = slice(max(0, left - margin), right + margin)
-        window = labels[rows, columns]
-        height, width = window.shape
+        labels = labels[rows, columns]
+        height, width = labels.shape
         new_size = max(1, round(width * scale)), max(1, round(height * scale))
-        small_photo = cv2.resize(
-            photo[rows, columns], new_size, interpolation=cv2.INTER_AREA
-        )
-        small_labels = cv2.resize(window, new_size, interpolation=cv2.INTER_NEAREST)
+        photo = photo[rows, columns]
+        photo = cv2.resize(photo, new_size, interpolation=cv2.INTER_AREA)
+        labels = cv2.resize(labels, new_size, interpolation=cv2.INTER_NEAREST)
         return _View(
-            np.asarray(small_photo, np.uint8),
-            np.asarray(small_labels, np.uint16),
+            np.asarray(photo, np.uint8),
+            np.asarray(labels, np.uint16),
             number,
             columns.start,
             rows.start,
@@ -196,11 +194,11 @@ class _Ribbon:
     """px: half the width of the searched part."""
     colours: Rgb
     """(n, k, 3) of the searched part and the compared pixels beside it."""
-    is_own: Mask
+    own_mask: Mask
     """(n, k) pixels of the object."""
-    is_ground: Mask
+    ground_mask: Mask
     """(n, k) pixels outside all objects."""
-    is_searched: Mask
+    rim_points: Mask
     """(n,) points of the lower rim."""
 
     @staticmethod
@@ -217,10 +215,10 @@ class _Ribbon:
         places = _places(outline, normals, np.arange(-reach, reach + 1))
         colours = _sample(view.photo, places, cv2.INTER_LINEAR)
         labels = _sample(view.labels.astype(np.float32), places, cv2.INTER_NEAREST)
-        is_own = labels == view.number
-        is_ground = labels == 0
+        own_mask = labels == view.number
+        ground_mask = labels == 0
         columns = slice(reach - half_width, reach + half_width + 1)
-        is_other = ~(is_own | is_ground)[:, columns]
+        is_other = ~(own_mask | ground_mask)[:, columns]
         is_contact = _near(is_other.any(axis=1), max(3, round(RIMS.margin * size)))
         return _Ribbon(
             outline=outline,
@@ -228,9 +226,9 @@ class _Ribbon:
             size=size,
             half_width=half_width,
             colours=np.asarray(colours, np.uint8),
-            is_own=np.asarray(is_own),
-            is_ground=np.asarray(is_ground),
-            is_searched=np.asarray(_faces_down(outline, normals) & ~is_contact),
+            own_mask=np.asarray(own_mask),
+            ground_mask=np.asarray(ground_mask),
+            rim_points=np.asarray(_faces_down(outline, normals) & ~is_contact),
         )
 
     @property
@@ -247,7 +245,7 @@ class _Ribbon:
     @property
     def mask_offsets(self) -> F64:
         """Return the offsets (n,) of the mask's border, px."""
-        count = np.count_nonzero(self.is_own[:, self.searched], axis=1)
+        count = np.count_nonzero(self.own_mask[:, self.searched], axis=1)
         return np.asarray(count - self.half_width - 0.5, np.float64)
 
     def evidence(self, network: F64) -> F64:
@@ -276,7 +274,7 @@ class _Ribbon:
             distance = np.minimum(distance, count - distance)
             rows = np.flatnonzero(distance < half_length)
             ratios = None
-            if self.is_searched[rows].any():
+            if self.rim_points[rows].any():
                 ratios = self._ratios(rows)
             if ratios is None:
                 continue
@@ -301,8 +299,8 @@ class _Ribbon:
         distance = np.abs(columns - middle)
         weights = np.clip((distance - 1) / self.half_width, 0, 1) * RIMS.inner_weight
         weights[distance > self.half_width] = 1
-        own_pixels = self.is_own[rows] & (columns < middle - 1)
-        ground_pixels = self.is_ground[rows] & (columns > middle + 1)
+        own_pixels = self.own_mask[rows] & (columns < middle - 1)
+        ground_pixels = self.ground_mask[rows] & (columns > middle + 1)
         if (
             min(np.count_nonzero(own_pixels), np.count_nonzero(ground_pixels))
             < RIMS.sample
@@ -330,11 +328,11 @@ class _Ribbon:
         )
         slope = np.abs(smooth_colours[:, 2:] - smooth_colours[:, :-2]).max(axis=2)
         slope = np.pad(slope, ((0, 0), (1, 1)))
-        is_far = self.is_ground.copy()
-        is_far[:, : self.searched.stop] = False
+        far_ground = self.ground_mask.copy()
+        far_ground[:, : self.searched.stop] = False
         reach = round(RIMS.stretch * self.size)
-        total = _ring_sums(np.where(is_far, slope, 0).sum(axis=1), reach)
-        count = _ring_sums(is_far.sum(axis=1).astype(np.float64), reach)
+        total = _ring_sums(np.where(far_ground, slope, 0).sum(axis=1), reach)
+        count = _ring_sums(far_ground.sum(axis=1).astype(np.float64), reach)
         texture = total / np.maximum(count, 1)
         clearness = slope[:, self.searched] / (
             RIMS.texture * texture[:, None] + RIMS.noise
@@ -353,8 +351,8 @@ class _Ribbon:
         costs += RIMS.shift_cost * (RIMS.side * RIMS.band / self.half_width) * distance
         # Elsewhere the path is the outline itself.
         other_costs = np.where(self.offsets == 0, 0.0, np.inf)
-        costs = np.where(self.is_searched[:, None], costs, other_costs)
-        start = int(np.argmin(self.is_searched))
+        costs = np.where(self.rim_points[:, None], costs, other_costs)
+        start = int(np.argmin(self.rim_points))
         path = _shortest_path(np.roll(costs, -start, axis=0))
         return np.roll(path, start).astype(np.float64) - self.half_width
 
@@ -363,8 +361,8 @@ class _Ribbon:
 
         `offsets` (n,) px are those of the border. Stretches move or stay as a whole.
         """
-        is_moved = np.abs(offsets - self.mask_offsets) > RIMS.shift
-        is_moved &= self.is_searched
+        moved_points = np.abs(offsets - self.mask_offsets) > RIMS.shift
+        moved_points &= self.rim_points
         edges = self.edges()
         points = np.arange(len(offsets))
         largest = edges.shape[1] - 1
@@ -374,8 +372,8 @@ class _Ribbon:
             edges[points, new_columns.astype(np.intp)]
             - edges[points, old_columns.astype(np.intp)]
         )
-        is_start = is_moved & ~np.concatenate([[False], is_moved[:-1]])
-        stretches = np.cumsum(is_start) * is_moved
+        is_start = moved_points & ~np.concatenate([[False], moved_points[:-1]])
+        stretches = np.cumsum(is_start) * moved_points
         totals = np.bincount(stretches, gains)
         is_clearer = totals >= 0
         is_clearer[0] = False
@@ -417,8 +415,8 @@ def _outer_normals(outline: F64, sigma: float) -> F64:
 def _faces_down(outline: F64, normals: F64) -> Mask:
     """Return the points (n,) of the lower part of an outline that face the ground."""
     y = outline[:, 1]
-    least = y.max() - RIMS.lower_share * np.ptp(y)
-    return np.asarray((normals[:, 1] > 0) & (y > least))
+    highest = y.max() - RIMS.lower_share * np.ptp(y)
+    return np.asarray((normals[:, 1] > 0) & (y > highest))
 
 
 def _places(outline: F64, normals: F64, offsets: Ints) -> F64:
@@ -453,9 +451,9 @@ def _sample_chances(
     cells = (places + 0.5 - np.array([left, top])) / extent
     cells = cells * np.array(chances.shape[::-1]) - 0.5
     x, y = np.moveaxis(cells.astype(np.float32), -1, 0)
-    sampled = cv2.remap(chances, x, y, cv2.INTER_LINEAR)
-    sampled = np.clip(sampled, RIMS.chance, 1 - RIMS.chance).astype(np.float64)
-    return np.asarray(np.log(sampled / (1 - sampled)))
+    object_odds = cv2.remap(chances, x, y, cv2.INTER_LINEAR)
+    object_odds = np.clip(object_odds, RIMS.chance, 1 - RIMS.chance).astype(np.float64)
+    return np.asarray(np.log(object_odds / (1 - object_odds)))
 
 
 def _sample_mask(mask: Mask, ribbon: _Ribbon, view: _View) -> Mask:
@@ -543,8 +541,8 @@ def _move_rim(
 ) -> None:
     """Move the border of an object in `labels` (H, W) to `offsets` (n,) px."""
     margin = max(2, round(RIMS.margin * ribbon.size))
-    is_moved = _near(ribbon.clearer_points(offsets), margin) & ribbon.is_searched
-    starts = np.flatnonzero(is_moved & np.roll(is_moved, -1))
+    moved_points = _near(ribbon.clearer_points(offsets), margin) & ribbon.rim_points
+    starts = np.flatnonzero(moved_points & np.roll(moved_points, -1))
     if not len(starts):
         return
     smooth_offsets = _blur_ring(offsets[:, None], RIMS.shift)
