@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -128,6 +129,13 @@ def _large_objects(labels: Labels) -> Iterator[int]:
             yield number
 
 
+def _resize(
+    image: NDArray[np.uint8] | Labels, size: tuple[int, int], interpolation: int
+) -> NDArray[Any]:
+    """Return an image with a `size` (width, height) px."""
+    return np.asarray(cv2.resize(image, size, interpolation=interpolation))
+
+
 @dataclass(frozen=True)
 class _View:
     """An object and its surroundings at reduced size, (h, w)."""
@@ -159,12 +167,9 @@ class _View:
         labels = labels[rows, columns]
         height, width = labels.shape
         new_size = max(1, round(width * scale)), max(1, round(height * scale))
-        photo = photo[rows, columns]
-        photo = cv2.resize(photo, new_size, interpolation=cv2.INTER_AREA)
-        labels = cv2.resize(labels, new_size, interpolation=cv2.INTER_NEAREST)
         return _View(
-            np.asarray(photo, np.uint8),
-            np.asarray(labels, np.uint16),
+            _resize(photo[rows, columns], new_size, cv2.INTER_AREA).astype(np.uint8),
+            _resize(labels, new_size, cv2.INTER_NEAREST).astype(np.uint16),
             number,
             columns.start,
             rows.start,
