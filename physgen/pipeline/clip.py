@@ -355,9 +355,8 @@ class _Run:
         parts = film.compiled.world, trajectory, film.stage, film.shot(trajectory)
 
         def sample() -> Data | None:
-            report.html.template(
-                "report.html.j2"
-            )  # compile the template in this thread, too
+            # Compile the template in this thread, too.
+            report.html.template("report.html.j2")
             data = report.player.player_data(self.scene, *parts)
             if data is not None and film.hold:
                 data["clip"]["hold"] = film.hold
