@@ -575,7 +575,7 @@ def appearance(scene: Scene, world: World) -> tuple[object, ...]:
         (scene.size, scene.image is not None, scene.assets is not None, scene.light),
         (settings.view, settings.tilt, settings.backdrop),
         (render.relight, render.shadows, render.supersample, camera),
-        render.contact_shade,
+        (render.contact_shade, render.smooth_outlines),
         [(item.layer, drawn_kinds(item.label)) for item in scene.objects],
         [item.shape.whole for item in scene.objects if isinstance(item.shape, Auto)],
         (world.size, world.view, bodies, [wall.chains for wall in world.walls]),

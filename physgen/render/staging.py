@@ -34,6 +34,7 @@ from physgen.render.occlusion import (
 )
 from physgen.render.relighting import relight_sprites
 from physgen.render.shadow_decomposition import LitBackground, decompose_shadows
+from physgen.render.smooth_outlines import smooth_outline
 from physgen.render.soft_rims import continue_soft_rims
 from physgen.render.sprites import (
     Sprite,
@@ -139,6 +140,8 @@ def lit_stage(
     """
     source = _PhotoScene(scene, world, maps, background, coverage, absent, labels)
     sprites = _complete_sprites(source, sprites)
+    if scene.render.smooth_outlines:
+        sprites = _with_smooth_outlines(world, sprites)
     if scene.light is None:
         sprites = _with_vessels(open_vessel, source, sprites)
         return _stage_without_shadows(source, sprites, background)
@@ -169,6 +172,16 @@ def _complete_sprites(
     if world.view is View.TOP:
         return sprites
     return _with_closed_faces(world, sprites, source.labels)
+
+
+def _with_smooth_outlines(world: World, sprites: Sequence[Sprite]) -> list[Sprite]:
+    """Return the sprites with smooth outlines; discs look the same at any rotation."""
+    result = []
+    for sprite in sprites:
+        if world.bodies[sprite.body].radius is None:
+            sprite = smooth_outline(sprite)
+        result.append(sprite)
+    return result
 
 
 def _stage_without_shadows(

@@ -552,6 +552,7 @@ class Render:
     chroma: int = 420
     """420 or 444: colour resolution of an mp4, half or full on each side."""
     contact_shade: bool = False
+    smooth_outlines: bool = False
     squash: bool = False
     """True if soft objects are flat for two frames after an impact."""
     first_blur: bool = False

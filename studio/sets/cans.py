@@ -138,7 +138,12 @@ Take a tin away, fill the lowest with sand, or throw harder."""
         softness=20,
         exposure=1.9,
         sections=lambda c: {
-            "render": {"slow": 5, "first_blur": True, "contact_shade": True},
+            "render": {
+                "slow": 5,
+                "first_blur": True,
+                "contact_shade": True,
+                "smooth_outlines": True,
+            },
             "variants": {
                 "full-of-sand": {f"objects.tin-{k}.mass": 700 for k in (1, 2, 3)},
                 "fast-ball": {"objects.ball.velocity": c.shift((9, -2.2))},

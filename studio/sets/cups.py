@@ -119,7 +119,7 @@ def saucer(name: str, at: tuple[float, float], seed: int) -> Thing:
 def tower(x: float) -> list[Thing]:
     """A cup, a saucer on it as a lid, a cup on the saucer."""
     lid = CUP - 0.0012
-    note = "the stick pushes at its handle"
+    note = "the stick pushes above its handle"
     return [
         cup("cup-1", (x, 0), 1, 1),
         saucer("saucer", (x, lid), 2),
@@ -322,15 +322,15 @@ def stage() -> Stage:
     )
     return Stage(
         "cups",
-        "A cup is pushed off its saucer",
+        "A cup nearly falls off its saucer",
         "White on white: cups, a saucer, a milk jug, sugar and an egg in the light of an overcast sky.\n"
-        "A stick pushes the upper cup off its saucer, and the cup leans on the lid of the sugar bowl.",
+        "A stick pushes the upper cup at its rim: the cup tips, nearly falls, and rocks back onto its saucer.",
         CAMERA,
         [jug(-0.0996), *tower(-0.0005), *sugar(0.1003), egg(0.1723)],
         room(),
         lights,
         {"table": Boundary([(-2, 0), (2, 0)], 0.4, 0.2)},
-        duration=0.6,
+        duration=0.8,
         softness=20,
         exposure=1.55,
         sections=sections,
@@ -338,15 +338,29 @@ def stage() -> Stage:
 
 
 def sections(camera: Camera) -> dict:
+    edge = [round(v, 1) for v in camera.pixel((-0.035, CUP + 0.05805))]
     rim = [round(v, 1) for v in camera.pixel((-0.035, CUP + 0.052))]
     handle = [round(v, 1) for v in camera.pixel((-0.035, CUP + 0.03695))]
     return {
         "forces": [
-            {"object": "cup-2", "impulse": camera.push((0.15625, 0)), "at": handle}
+            {"object": "cup-2", "impulse": camera.push((0.0796875, 0)), "at": edge}
         ],
-        "render": {"slow": 3, "hold": 12, "enter": "stick", "contact_shade": True},
+        "render": {
+            "slow": 3,
+            "hold": 12,
+            "enter": "stick",
+            "contact_shade": True,
+            "smooth_outlines": True,
+        },
         "variants": {
-            "gentle": {"forces[0].impulse": camera.push((0.095, 0))},
+            "gentle": {
+                "forces[0].impulse": camera.push((0.095, 0)),
+                "forces[0].at": handle,
+            },
+            "push": {
+                "forces[0].impulse": camera.push((0.15625, 0)),
+                "forces[0].at": handle,
+            },
             "flick": {
                 "forces[0].impulse": camera.push((0.227, 0)),
                 "forces[0].at": rim,
@@ -354,8 +368,9 @@ def sections(camera: Camera) -> dict:
             "slippery": {"objects.*.friction": 0.04},
         },
         "comments": {
-            "forces[0].impulse": "0.156 N s",
-            "variants.gentle": "the cup slides and stays on its saucer",
+            "forces[0].impulse": "0.08 N s",
+            "variants.gentle": "at its handle: the cup slides and stays on its saucer",
+            "variants.push": "harder at its handle: the cup slides off its saucer and leans on the lid of the sugar bowl",
             "variants.flick": "a flick near its rim: the cup tumbles over the sugar bowl and takes the lid along",
         },
     }

@@ -809,7 +809,7 @@ def stage() -> Stage:
         room(),
         window,
         {"table": Boundary([(-3, 0), (3, 0)], 0.5, 0.15)},
-        duration=0.9,
+        duration=0.72,
         softness=15,
         exposure=1.9,
         sections=sections,
@@ -822,21 +822,30 @@ def sections(camera: Camera) -> dict:
     return {
         "forces": [{"object": "orange-2", "impulse": camera.push((-0.18, 0.07))}],
         "render": {
-            "frames": 81,
-            "fps": 30,
+            "slow": 3,
             "hold": 12,
             "enter": "stick",
             "contact_shade": True,
+            "smooth_outlines": True,
         },
         "variants": {
-            "gentle-push": {"forces[0].impulse": camera.push((0.15, 0))},
-            "to-the-right": {"forces[0].impulse": camera.push((0.28, 0))},
-            "no-carton": {"objects.carton": None, "forces": []},
+            "gentle-push": {
+                "forces[0].impulse": camera.push((0.15, 0)),
+                "world.duration": 0.9,
+            },
+            "to-the-right": {
+                "forces[0].impulse": camera.push((0.28, 0)),
+                "world.duration": 0.9,
+            },
+            "no-carton": {
+                "objects.carton": None,
+                "forces": [],
+                "world.duration": 0.9,
+            },
             "no-apple": {"objects.apple-1": None, "forces": []},
         },
         "comments": {
             "forces[0].impulse": "a push of 0.19 N s",
-            "render": "a third of the true speed",
             "variants.gentle-push": "takes the cork along, and the salt shaker leans on the egg",
             "variants.to-the-right": "over the jar, the salt and the egg",
             "variants.no-carton": "the board has nothing to lean on",

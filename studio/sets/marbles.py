@@ -260,7 +260,13 @@ def stage() -> Stage:
 
     def sections(c: Camera) -> dict:
         return {
-            "render": {"frames": 108, "fps": 30, "hold": 8, "contact_shade": True},
+            "render": {
+                "frames": 108,
+                "fps": 30,
+                "hold": 8,
+                "contact_shade": True,
+                "smooth_outlines": True,
+            },
             "variants": {
                 "pushed": {
                     "forces": [{"object": "trough", "impulse": c.push((0.085, 0))}]

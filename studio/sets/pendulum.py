@@ -247,7 +247,7 @@ The pin of its thread is the joint below: move it, or hang a heavier ball on it.
         scenery,
         lights,
         {"bench": Boundary([(-2, 0), (2, 0)], 0.5, 0.2)},
-        duration=1.2,
+        duration=1.5,
         softness=13,
         backdrop=0.56,
         exposure=1.25,
@@ -259,7 +259,13 @@ The pin of its thread is the joint below: move it, or hang a heavier ball on it.
                     "pivot": [float(v) for v in c.pixel(PIN).round(2)],
                 }
             },
-            "render": {"frames": 60, "fps": 25, "hold": 8, "contact_shade": True},
+            "render": {
+                "frames": 75,
+                "fps": 25,
+                "hold": 8,
+                "contact_shade": True,
+                "smooth_outlines": True,
+            },
             "variants": {
                 "wooden-ball": {
                     "objects.ball.mass": 41,

@@ -223,7 +223,12 @@ def stage() -> Stage:
 
 def sections(camera: Camera) -> dict:
     return {
-        "render": {"slow": 3, "first_blur": True, "contact_shade": True},
+        "render": {
+            "slow": 3,
+            "first_blur": True,
+            "contact_shade": True,
+            "smooth_outlines": True,
+        },
         "variants": {
             "throw": {"objects.ball.velocity": camera.shift((3.8, 0.1))},
             "hard-throw": {"objects.ball.velocity": camera.shift((4.8, 0.15))},

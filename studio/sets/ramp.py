@@ -250,7 +250,7 @@ The ramp is a boundary like the floor. Cartons at rest hold by their static fric
             ),
             "floor": Boundary([tuple(FOOT), (6, 0)], 0.6, 0.1),
         },
-        duration=2.1,
+        duration=2.6,
         world={"ramp": 0.12},
         softness=0.3,
         sun=(-0.85, -0.45, 0.32),
@@ -262,6 +262,7 @@ The ramp is a boundary like the floor. Cartons at rest hold by their static fric
                 "hold": 12,
                 "enter": "stick",
                 "contact_shade": True,
+                "smooth_outlines": True,
             },
             "variants": {
                 "waxed": {

@@ -134,12 +134,12 @@ def stage() -> Stage:
             [sphere(BALL, iron)],
             {"circle": BALL},
             (0.325, 0.70),
-            3000,
+            4200,
             0.4,
             0.2,
             solid="sphere",
             rolling=0.01,
-            velocity=(-0.16, -0.3),
+            velocity=(-0.08, -0.3),
         ),
     ]
     radius = PIN * np.cos(np.radians(lean)) - THICK / 2
@@ -203,7 +203,7 @@ How high the stone flies is a matter of two masses, a height and the place of th
                 "a little below what is seen",
             ),
         },
-        duration=2.2,
+        duration=1.65,
         softness=45,
         exposure=1.75,
         film=None,
@@ -214,7 +214,12 @@ How high the stone flies is a matter of two masses, a height and the place of th
                     "pivot": [float(v) for v in c.pixel(pin).round(2)],
                 }
             },
-            "render": {"slow": 1.5, "first_blur": True, "contact_shade": True},
+            "render": {
+                "slow": 1.5,
+                "first_blur": True,
+                "contact_shade": True,
+                "smooth_outlines": True,
+            },
             "variants": {
                 "hollow-ball": {"objects.ball.mass": 900},
                 "heavy-stone": {"objects.stone.mass": 3000},

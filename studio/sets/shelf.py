@@ -264,14 +264,22 @@ def stage() -> Stage:
                 "hold": 12,
                 "enter": "finger",
                 "contact_shade": True,
+                "smooth_outlines": True,
             },
             "variants": {
-                "gentle": {"forces[0].impulse": c.push((0.19 * 0.5, 0))},
-                "pushed": {"forces[0].impulse": c.push((0.19 * 1.2, 0))},
-                "no-elephant": {"objects.elephant": None},
+                "gentle": {
+                    "forces[0].impulse": c.push((0.19 * 0.5, 0)),
+                    "world.duration": 0.9,
+                },
+                "pushed": {
+                    "forces[0].impulse": c.push((0.19 * 1.2, 0)),
+                    "world.duration": 0.9,
+                },
+                "no-elephant": {"objects.elephant": None, "world.duration": 0.9},
                 "bowling-ball": {
                     "objects.ball.mass": 1200,
                     "forces[0].impulse": c.push((1.2 * 1.2, 0)),
+                    "world.duration": 0.9,
                 },
             },
         }
@@ -290,7 +298,7 @@ def stage() -> Stage:
             "left-side": Boundary([(-INSIDE, 0), (-INSIDE, 0.8)], 0.4, 0.6),
             "right-side": Boundary([(INSIDE, 0), (INSIDE, 0.8)], 0.4, 0.6),
         },
-        duration=0.9,
+        duration=0.76,
         softness=1.7,
         backdrop=0.14,
         exposure=1.75,

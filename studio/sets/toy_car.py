@@ -175,7 +175,7 @@ def stage() -> Stage:
         "side", height=0.60, centre=(0.0, 0.20), rise=(0.05, 0.27), aperture=0.07
     )
     parts = body()
-    drive = 1.875  # m/s, from the finger's push
+    drive = 1.6  # m/s, from the finger's push
     things = [
         Thing(
             "car",
@@ -228,7 +228,7 @@ def stage() -> Stage:
                 [block],
                 {"box": (BLOCK, BLOCK)},
                 at,
-                25,
+                70,
                 0.5,
                 0.3,
             )
@@ -287,13 +287,14 @@ def stage() -> Stage:
                 "hold": 12,
                 "enter": "finger",
                 "contact_shade": True,
+                "smooth_outlines": True,
             },
             "variants": {
                 "slow": all_at(c, 0.9375, -1) | {"world.duration": 1.2},
                 "stunt": all_at(c, 2.8),
                 "heavy-blocks": {
-                    "objects.block-1.mass": 70,
-                    "objects.block-2.mass": 70,
+                    "objects.block-1.mass": 1100,
+                    "objects.block-2.mass": 1100,
                 },
                 "free-road": {
                     "objects.block-1": None,
@@ -304,14 +305,15 @@ def stage() -> Stage:
             },
             "comments": {
                 "world.ramp": "the time in which the finger pushes",
-                "variants.slow": "rolls back from the blocks",
+                "variants.slow": "stops on top of the ramp",
+                "variants.heavy-blocks": "lead in place of wood: the car falls back",
             },
         }
 
     return Stage(
         "toy-car",
-        "A toy car jumps off a ramp",
-        "A finger pushes a toy car to 1.9 m/s: it jumps off a ramp, knocks the upper block away and drives on.\n"
+        "A toy car jumps onto a block",
+        "A finger pushes a toy car to 1.6 m/s: it jumps off a ramp, knocks the upper block away and takes its place.\n"
         "Its wheels turn on pins. The video plays at a third of the true speed.",
         camera,
         things,
@@ -321,7 +323,7 @@ def stage() -> Stage:
             "table": Boundary([(-2, 0), (2, 0)], 0.5, 0.3),
             "ramp": Boundary(list(RAMP), 0.5, 0.2, "The ramp is nailed down."),
         },
-        duration=0.65,
+        duration=0.9,
         softness=17,
         exposure=1.25,
         world={"steps_per_second": 1920, "ramp": 0.1},
