@@ -8,7 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import av
+import imageio.v3 as iio
 import numpy as np
+from av.error import FFmpegError
+from av.video.reformatter import Colorspace, Interpolation
 from PIL import Image
 
 from physgen.arrays import U8 as U8
@@ -71,9 +75,6 @@ class VideoFrame(NamedTuple):
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
     """Open the container and the stream of moving pictures. Raises InputError."""
-    import av
-    from av.error import FFmpegError
-
     with path.open("rb") as file:
         # A playlist must not name other files or addresses.
         options = {"protocol_whitelist": "none"}
@@ -101,8 +102,6 @@ def _moving_stream(container: Any, path: Path) -> Any:
 
 def _decoded_frames(path: Path) -> Iterator[VideoFrame]:
     """Yield the frames of a video. Raises InputError if a frame cannot be decoded."""
-    from av.error import FFmpegError
-
     count = 0
     with _opened(path) as (container, stream):
         stream.thread_type = "AUTO"
@@ -132,8 +131,6 @@ def _rgb(frame: Any) -> U8:
 
     libswscale's default rounding is a code or two too dark.
     """
-    from av.video.reformatter import Colorspace, Interpolation
-
     interpolation = (
         Interpolation.BILINEAR
         | Interpolation.ACCURATE_RND
@@ -271,8 +268,6 @@ def _still(path: Path) -> VideoFrame:
 
 def _pages(path: Path) -> Iterator[VideoFrame]:
     """Yield the frames of an animated picture."""
-    import imageio.v3 as iio
-
     with (
         open_picture(path) as image,
         path.open("rb") as file,

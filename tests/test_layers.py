@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
@@ -156,3 +157,19 @@ def test_only_the_command_line_prints() -> None:
 
 def test_modules_are_named_after_their_subject() -> None:
     assert not [name for name in modules() if name.split(".")[-1] in VAGUE]
+
+
+def test_lazy_packages_load_the_names_that_type_checkers_see() -> None:
+    """A name in only one of both lists fails at run time or for mypy."""
+    count = 0
+    for name, path in modules().items():
+        if path.name != "__init__.py" or "lazy_loader" not in path.read_text("utf-8"):
+            continue
+        package = importlib.import_module(name)
+        (block,) = [node for node in tree(name).body if isinstance(node, ast.If)]
+        for statement in block.body:
+            assert isinstance(statement, ast.ImportFrom)
+            for alias in statement.names:
+                assert hasattr(package, alias.name), f"{name}: {alias.name}"
+                count += 1
+    assert count > 80

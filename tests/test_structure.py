@@ -17,6 +17,8 @@ from physgen.files import install
 
 IDIOM = 60
 """Words that design and documents avoid, in physgen/, templates/, docs/ and README.md."""
+LOCAL_IMPORTS = 30
+"""Imports inside functions of physgen/: of libraries that are optional or slow."""
 LIMITS = structure.read_limits()
 ORDINARY = '''
 def mean_clearance(
@@ -107,6 +109,15 @@ def test_no_figure_of_a_package_rises(package: str) -> None:
     assert structure.exceeded(code, LIMITS[package]) == []
     if package.startswith("physgen/"):  # no function is too long or too wide
         assert [*code.long, *code.wide] == []
+
+
+def test_few_imports_are_inside_functions() -> None:
+    """Import at the top; a package loads its modules on first use by lazy_loader."""
+    count = 0
+    for package in LIMITS:
+        if package.startswith("physgen/"):
+            count += measured(package).counts["imports_in_functions"]
+    assert count <= LOCAL_IMPORTS
 
 
 def test_every_package_has_limits() -> None:

@@ -15,8 +15,11 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from physgen.pipeline.cache_keys import CODE
+import physgen
+from physgen.files import resource
+from physgen.pipeline.cache_keys import CODE, code_version, key
 from physgen.problems import Place, Problem, Severity
+from physgen.report.record import versions
 from physgen.scene.files import DATA
 
 
@@ -24,18 +27,12 @@ def clip_mark(*options: Any) -> str:
     """Return the hash of a clip's options, as plain data, and of the code. The input
     files are not part of it.
     """
-    from physgen.pipeline.cache_keys import code_version, key
-    from physgen.report.record import versions
-
     return key("clip", code_version(CODE), _data_version(), versions(), *options)
 
 
 @cache
 def _data_version() -> str:
     """Return the SHA-256 of the package data: schema, templates, tables."""
-    import physgen
-    from physgen.files import resource
-
     digest = sha256()
     package = Path(physgen.__file__).parent
     package_data = []

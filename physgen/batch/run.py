@@ -12,10 +12,11 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-from physgen import pipeline
+from physgen import pipeline, report
 from physgen.batch.outcomes import outcomes
 from physgen.batch.resume import clip_mark, recorded_warnings, unchanged_clip
-from physgen.export.video import NO_ROOM, Format
+from physgen.batch.workers import LostError
+from physgen.export.video_formats import NO_ROOM, Format
 from physgen.files import file_stamp, final_name, write_atomic, write_with_backup
 from physgen.messages import Message
 from physgen.problems import InputError, OutputError, Place, Problem
@@ -222,9 +223,7 @@ def _run(job: Job, progress: pipeline.Progress) -> JobResult:
     except Exception as error:
         return report_failure(job, error, warnings, time.perf_counter() - start_time)
     if job.pictures:
-        from physgen.report.gallery import keep_pictures
-
-        keep_pictures(folder, Path(job.out) / "index.html")
+        report.gallery.keep_pictures(folder, Path(job.out) / "index.html")
     return JobResult(
         job, folder, tuple(warnings), State.MADE, time.perf_counter() - start_time
     )
@@ -273,7 +272,6 @@ def describe_failure(error: Exception) -> tuple[str, str]:
         if error.filename:
             file_text = f"{final_name(str(error.filename))}: "
         return f"failed: {file_text}{error.strerror or error}", ""
-    from physgen.batch.workers import LostError
 
     if isinstance(error, MemoryError | LostError):
         if isinstance(error, MemoryError):

@@ -22,7 +22,7 @@ from functools import cached_property, partial
 from hashlib import sha256
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from physgen.batch.axes import Axis, DistributionAxis, ListAxis, same_key
 from physgen.batch.run import JobResult
@@ -33,7 +33,7 @@ from physgen.problems import InputError, Place, Problem, Severity, collect
 from physgen.report.sweep_keys import shortest_names
 from physgen.scene.load import OpenedScene
 from physgen.scene.scene import Scene
-from physgen.tables import Cell
+from physgen.tables import Cell, Table
 from physgen.text import quoted
 
 MAX_CLIPS = 10_000_000
@@ -343,6 +343,18 @@ def table_row(sweep: Sweep, point: Point, result: JobResult) -> dict[str, Cell]:
         "manifest": f"{point.name}/manifest.json",
     }
     return cells | {"state": "done"} | files | dict(result.outcomes or {})
+
+
+def open_table(path: Path, columns: Sequence[str]) -> Table:
+    """Return the table of a sweep, which opens its file at the start of a `with`
+    block.
+    """
+    return Table(path, columns)
+
+
+def write_row(stream: TextIO, cells: Sequence[Cell]) -> None:
+    """Write one row of a CSV table."""
+    csv.writer(stream, lineterminator="\n").writerow(cells)
 
 
 def keep_other_table(

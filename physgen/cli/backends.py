@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from physgen import evaluate, registry
 from physgen.cli.arguments import Command, Parser
 from physgen.cli.output import FAILED, OK, print_error, print_json, print_line
 from physgen.cli.perceive import add_backends, plan_of
@@ -51,8 +52,6 @@ def terms(row: Mapping[str, Any]) -> str:
 
 
 def list_backends(options: argparse.Namespace) -> int:
-    from physgen import registry
-
     if options.check is not None:
         return check_backends(options)
     rows = registry.listing(plan_of(options))
@@ -70,12 +69,10 @@ def list_backends(options: argparse.Namespace) -> int:
 
 def check_backends(options: argparse.Namespace) -> int:
     """Run the usable backends, or the named ones, on a small picture."""
-    from physgen.evaluate.backend_check import check_backends, read_choices
-
     # Wrong choices are reported before slow models are loaded.
-    pairs = read_choices(options.check)
+    pairs = evaluate.backend_check.read_choices(options.check)
     checks: list[BackendCheck] = []
-    for check in check_backends(plan_of(options), pairs):
+    for check in evaluate.backend_check.check_backends(plan_of(options), pairs):
         checks.append(check)
         if not options.json:
             print_line(check_line(check))

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from physgen import report, scene
 from physgen.cli.arguments import Command, Parser
 from physgen.cli.output import OK, print_error, print_json, print_line
 from physgen.files import cache_folder
@@ -50,8 +51,6 @@ def clean(options: argparse.Namespace) -> int:
 
 def _find_unused(path: Path) -> list[UnusedPath]:
     """Return the unused paths of a folder or of one scene. Raise InputError."""
-    from physgen.scene.saving import UnusedKind, assets_of
-
     if path.is_dir():
         return _find_unused_in_folder(path)
     if not path.is_file():
@@ -60,16 +59,19 @@ def _find_unused(path: Path) -> list[UnusedPath]:
     family = re.compile(rf"{re.escape(path.stem)}(-\d+)?\.assets")
     backup = re.compile(rf"{re.escape(path.name)}~\d*")
     folder = _find_unused_in_folder(path.parent, backup)
-    own_assets = assets_of(path)
+    own_assets = scene.saving.assets_of(path)
     backups = [item for item in folder if backup.fullmatch(item.path.name)]
     # A removed backup also frees its assets.
-    named_assets = {assets_of(item.path) for item in backups}
+    named_assets = {scene.saving.assets_of(item.path) for item in backups}
 
     def belongs_to_scene(item: UnusedPath) -> bool:
         name = item.path.name
         if item in backups or item.path in named_assets:
             return True
-        if item.kind is UnusedKind.CACHE and item.path.parent == own_assets:
+        if (
+            item.kind is scene.saving.UnusedKind.CACHE
+            and item.path.parent == own_assets
+        ):
             return True
         return bool(family.fullmatch(name)) or name.startswith(f".{path.name}.")
 
@@ -82,22 +84,14 @@ def _find_unused_in_folder(
     """Return the unused paths of a folder; of its backups, those with matching
     names.
     """
-    from physgen.scene.saving import (
-        UnusedKind,
-        UnusedPath,
-        caches_of_assets,
-        unused_assets,
-        unused_backups,
-    )
-
     backups = []
-    for path in unused_backups(folder):
+    for path in scene.saving.unused_backups(folder):
         if backup_names is None or backup_names.fullmatch(path.name):
             backups.append(path)
-    assets = unused_assets(folder, backups)
+    assets = scene.saving.unused_assets(folder, backups)
     # Assets include their cache: count it once.
     caches = []
-    for one in caches_of_assets(folder):
+    for one in scene.saving.caches_of_assets(folder):
         if one.parent not in assets:
             caches.append(one)
     partials = _partials(folder)
@@ -105,25 +99,33 @@ def _find_unused_in_folder(
         if item not in assets:
             partials += _partials(item)
     return [
-        *(UnusedPath(path, UnusedKind.BACKUP) for path in backups),
-        *(UnusedPath(path, UnusedKind.ASSETS) for path in assets),
-        *(UnusedPath(path, UnusedKind.PARTIAL) for path in partials),
-        *(UnusedPath(path, UnusedKind.CACHE) for path in caches),
+        *(
+            scene.saving.UnusedPath(path, scene.saving.UnusedKind.BACKUP)
+            for path in backups
+        ),
+        *(
+            scene.saving.UnusedPath(path, scene.saving.UnusedKind.ASSETS)
+            for path in assets
+        ),
+        *(
+            scene.saving.UnusedPath(path, scene.saving.UnusedKind.PARTIAL)
+            for path in partials
+        ),
+        *(
+            scene.saving.UnusedPath(path, scene.saving.UnusedKind.CACHE)
+            for path in caches
+        ),
     ]
 
 
 def _partials(folder: Path) -> list[Path]:
-    from physgen.report.folders import unused_leftovers
-
-    return unused_leftovers(folder)
+    return report.folders.unused_leftovers(folder)
 
 
 def _cache() -> list[UnusedPath]:
-    from physgen.scene.saving import UnusedKind, UnusedPath
-
     folder = cache_folder()
     if folder.is_dir():
-        return [UnusedPath(folder, UnusedKind.CACHE)]
+        return [scene.saving.UnusedPath(folder, scene.saving.UnusedKind.CACHE)]
     return []
 
 

@@ -14,6 +14,8 @@ from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Any
 
+import physgen.scene
+from physgen import batch, export, pipeline, registry, report
 from physgen.cli.arguments import (
     FORMATS,
     WRONG_INPUT,
@@ -90,9 +92,6 @@ def _motion_edits(
     # Without pushes, the scene need not be compiled here.
     if not (options.push or options.drop or options.kick) and options.story is None:
         return ()
-    from physgen import pipeline
-    from physgen.pipeline.pushes import motion_edits
-    from physgen.scene.write import edit_texts, scene_text
 
     scene = _open_scene(path, options.allow_outside).scene(options.set, variant)
     with variant_named(variant):
@@ -100,14 +99,14 @@ def _motion_edits(
     if options.story is not None:
         edits = _story_edits(path, scene, compilation, variant, options)
     else:
-        edits = motion_edits(
+        edits = pipeline.pushes.motion_edits(
             scene, compilation, options.push, options.drop, options.kick
         )
     if edits:
-        _print_edits(path, edits, scene_text(_nested_values(edits)))
+        _print_edits(path, edits, physgen.scene.write.scene_text(_nested_values(edits)))
     else:
         print_error(f"{path}: the scene has this motion already")
-    return edit_texts(edits)
+    return physgen.scene.write.edit_texts(edits)
 
 
 def _nested_values(edits: Mapping[str, Any]) -> dict[str, Any]:
@@ -144,23 +143,22 @@ def _story_edits(
     options: argparse.Namespace,
 ) -> dict[str, Any]:
     """Return the edits of --story and print the outcome. Raise InputError."""
-    from physgen.pipeline import stages, story_server
-    from physgen.scene.write import edit_texts
-
     for flag in ("push", "drop", "kick"):
         if getattr(options, flag):
             found = f'"{options.story}"'
             raise Message.STORY_WITH_OTHERS.error("--story", found, flag=f"--{flag}")
     # A story needs a duration, which `auto` leaves to the simulation.
-    compilation, _ = stages.ended(scene, compilation)
+    compilation, _ = pipeline.stages.ended(scene, compilation)
     opened = _open_scene(path, options.allow_outside)
 
     def edited(edits: Mapping[str, Any]) -> Scene:
-        return opened.scene((*options.set, *edit_texts(edits)), variant)
+        return opened.scene(
+            (*options.set, *physgen.scene.write.edit_texts(edits)), variant
+        )
 
-    subject = story_server.StoryScene(scene, compilation, edited)
-    plan = story_server.load_plan(config=options.config)
-    telling = story_server.tell(subject, options.story, plan, print_problem)
+    subject = pipeline.story_server.StoryScene(scene, compilation, edited)
+    plan = pipeline.story_server.load_plan(config=options.config)
+    telling = pipeline.story_server.tell(subject, options.story, plan, print_problem)
     verdict = "the nearest outcome"
     if telling.comes_true:
         verdict = "the story happens"
@@ -174,8 +172,6 @@ def preview_edits(
     """Return edits for a fast preview with these `further` edits: few frames, of the
     photo's size.
     """
-    from physgen import pipeline
-
     try:
         scene_file = _open_scene(path, options.allow_outside)
         scene = scene_file.scene((*options.set, *further), variant)
@@ -224,32 +220,27 @@ def _open_scene(path: str, allow_outside: bool) -> OpenedScene:
 
 @lru_cache(maxsize=1)
 def _read(path: str, allow_outside: bool, folder: str) -> OpenedScene:
-    from physgen.scene.load import OpenedScene
-
-    return OpenedScene(path, allow_outside)
+    return physgen.scene.load.OpenedScene(path, allow_outside)
 
 
 def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     """Return a function of scene, variant, further overrides and name that makes a job.
     Raise InputError.
     """
-    from physgen import pipeline
-    from physgen.batch.run import Job
-    from physgen.export.video import Format
-    from physgen.pipeline import RenderOptions
-
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
     checks: list[Callable[[], Any]] = [partial(_refining, options)]
     if options.export:
-        from physgen.export.formats import choose_formats
-
-        checks.append(partial(choose_formats, options.export, "--export"))
+        checks.append(
+            partial(export.formats.choose_formats, options.export, "--export")
+        )
     refiner, overrides = collect(checks)[0]
     models = {"refine": options.refine, "config": options.config}
     # All jobs of a command share these options; each job adds its scene and edits.
-    common = RenderOptions(
+    common = pipeline.RenderOptions(
         allow_outside=options.allow_outside,
-        formats=tuple(map(Format, options.format or DEFAULT_FORMATS)),
+        formats=tuple(
+            map(export.video_formats.Format, options.format or DEFAULT_FORMATS)
+        ),
         command=tuple(options.command_line),
         models=tuple(
             f"--{flag}={value}" for flag, value in models.items() if value is not None
@@ -272,17 +263,14 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     ) -> Job:
         edits = (*preview, *overrides, *further)
         job_options = replace(common, overrides=edits, variant=variant, name=name)
-        return Job(path, job_options, options.output, refiner, tracked_names)
+        return batch.run.Job(path, job_options, options.output, refiner, tracked_names)
 
     return make
 
 
 def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
     """Return the refining backend, and the edits of all scenes from flags."""
-    from physgen import registry
-    from physgen.batch.run import Refiner
-
-    refiner = Refiner(options.refine or "", options.config)
+    refiner = batch.run.Refiner(options.refine or "", options.config)
     if options.refine is None:
         return refiner, tuple(options.set)
     name = options.refine.partition(":")[0]
@@ -328,8 +316,6 @@ def other_variants(path: str, options: argparse.Namespace) -> list[Problem]:
 
 def check_names(jobs: list[Job]) -> None:
     """Raise InputError if clips would overwrite each other."""
-    from physgen import pipeline
-
     scenes_by_folder: dict[str, str] = {}
     problems = []
     for job in jobs:
@@ -401,8 +387,6 @@ def _renew_gallery(out: Path, tally: Tally, bar: Bar) -> None:
 
     An unchanged batch keeps its gallery, and its time stamp.
     """
-    from physgen.report.gallery import write_gallery
-
     index = out / INDEX
     # An interrupted run leaves an old gallery.
     is_old = not index.exists() or index.stat().st_mtime < tally.newest
@@ -413,7 +397,7 @@ def _renew_gallery(out: Path, tally: Tally, bar: Bar) -> None:
             f"{out}: too many clips for one gallery; physgen gallery shows parts of them"
         )
     elif out.is_dir():
-        write_gallery([out], index, progress=bar.show, keep=print_backup)
+        report.gallery.write_gallery([out], index, progress=bar.show, keep=print_backup)
         bar.clear()
 
 
@@ -431,9 +415,6 @@ def make_all(
     `on_result` is called after each job. `finish` is called at the end and returns the
     files to print.
     """
-    from physgen.batch.run import record_failure, report_failure, run
-    from physgen.report.folders import clean_up_after_error
-
     out = Path(options.output)
     index = out / INDEX
     # Parts may outnumber the clips: an empty part is not an error.
@@ -446,19 +427,21 @@ def make_all(
         jobs = (replace(job, pictures=True) for job in jobs)
     tally, bar = Tally(), Bar()
     _announce(bar, 1, count)
-    work = run
+    work = batch.run.run
     if not is_parallel(options, count):
-        work = partial(run, progress=bar.show)
+        work = partial(batch.run.run, progress=bar.show)
     with (
-        clean_up_after_error(out),
-        closing(run_all(options, work, jobs, count, report_failure)) as results,
+        report.folders.clean_up_after_error(out),
+        closing(
+            run_all(options, work, jobs, count, batch.run.report_failure)
+        ) as results,
     ):
         for result in results:
             bar.clear()
             if not tally.accept(result):
                 # Every further clip would fail in the same way.
                 break
-            record_failure(result, out, gallery)
+            batch.run.record_failure(result, out, gallery)
             on_result(result)
             _print_done(result, options.json, store)
             _announce(bar, tally.counts.total() + 1, count)

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from physgen import batch
 from physgen.cli.arguments import Parser, wrong_value
 from physgen.cli.output import print_error
 from physgen.files import install
@@ -72,14 +73,12 @@ def run_all(
     processes of this machine.
     """
     if getattr(options, "cluster", None) is None:
-        from physgen.batch.workers import run_parallel
-
         jobs = min(getattr(options, "jobs", 1), count)
-        return run_parallel(work, items, jobs, lost_result)
+        return batch.workers.run_parallel(work, items, jobs, lost_result)
     with _dask_needed(options):
-        from physgen.batch.cluster import run_on_cluster
+        cluster = batch.cluster
     ship = getattr(options, "ship", None)
-    return run_on_cluster(
+    return cluster.run_on_cluster(
         options.cluster, work, items, lost_result, ship=ship, report=print_error
     )
 
@@ -108,8 +107,7 @@ def gather_stored(options: argparse.Namespace, gathering: Gathering) -> DatasetS
 def _shipping(options: argparse.Namespace) -> Any:
     """Return the module for stores. Raise InputError."""
     with _dask_needed(options):
-        from physgen.batch import shipping
-    return shipping
+        return batch.shipping
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from physgen import batch
 from physgen.cli.arguments import (
     WRONG_INPUT,
     Command,
@@ -39,11 +40,9 @@ MAX_WARNINGS = 20
 
 
 def dataset(options: argparse.Namespace) -> int:
-    from physgen.batch.dataset import Gathering, gather, lost_sample, read_splits
-
     check_folder_name(options.output)
     check_cluster(options)
-    splits = read_splits(options.split, options.seed)
+    splits = batch.dataset.read_splits(options.split, options.seed)
     warnings = 0
 
     def warn(problem: Problem) -> None:
@@ -60,13 +59,13 @@ def dataset(options: argparse.Namespace) -> int:
     def copies(
         copy: Callable[[FoundClip], Sample], clips: Iterator[FoundClip]
     ) -> Generator[Sample, None, None]:
-        return run_all(options, copy, clips, 1, lost_sample)
+        return run_all(options, copy, clips, 1, batch.dataset.lost_sample)
 
-    gathering = Gathering(
+    gathering = batch.dataset.Gathering(
         splits, warn, progress, copies, options.layout, options.shard_clips
     )
     if options.ship is None:
-        summary = gather(options.folders, options.output, gathering)
+        summary = batch.dataset.gather(options.folders, options.output, gathering)
     else:
         summary = gather_stored(options, gathering)
     if warnings > MAX_WARNINGS:

@@ -8,6 +8,7 @@ import argparse
 import json
 import re
 import sys
+import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
@@ -15,6 +16,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import physgen.edit
+import physgen.scene
+from physgen import pipeline
 from physgen.cli.arguments import Command, Parser, check_folder_name, integer_reader
 from physgen.cli.output import (
     OK,
@@ -27,7 +31,7 @@ from physgen.cli.output import (
 from physgen.cli.perceive import BEGIN, add_backends, crew_of
 from physgen.files import check_writable, install
 from physgen.messages import Message, Note
-from physgen.problems import InputError, Place, RefusedError
+from physgen.problems import EditError, InputError, Place, RefusedError
 from physgen.text import quoted
 
 if TYPE_CHECKING:
@@ -51,14 +55,12 @@ def edit(options: argparse.Namespace) -> int:
     # An empty host would listen on all networks.
     host = options.host.strip() or LOOPBACK[0]
     scene, is_new = _scene(options)
-    from physgen.edit.app import Editor
-    from physgen.edit.draft import BusyError
 
     try:
-        editor = Editor(
+        editor = physgen.edit.app.Editor(
             scene, host, options.port, options.allow_outside, options.output
         )
-    except BusyError as busy:
+    except physgen.edit.draft.BusyError as busy:
         print_error(f"{scene}: is open in an editor already, at this address")
         _print_address(options, scene, busy.address)
         return OK
@@ -74,7 +76,6 @@ def edit(options: argparse.Namespace) -> int:
         _print_address(options, scene, editor.address)
         # The browser starts in a thread: it may block until its window opens.
         if options.browser:
-            import threading
             import webbrowser
 
             threading.Thread(
@@ -95,11 +96,6 @@ def edit(options: argparse.Namespace) -> int:
 
 def _edit_objects(path: Path, options: argparse.Namespace) -> Any:
     """Return the result of the edit. Raise InputError if it is impossible."""
-    from physgen.edit.corrections import correct
-    from physgen.edit.live import Live
-    from physgen.edit.operations import apply_operations
-    from physgen.problems import EditError
-
     text = path.read_bytes().decode("utf-8-sig")
     names = list(options.objects)
     ops: list[dict[str, Any]] = []
@@ -110,8 +106,10 @@ def _edit_objects(path: Path, options: argparse.Namespace) -> Any:
         ops = [{"remove": ["objects", name]} for name in dict.fromkeys(names)]
     try:
         if options.command == "merge":
-            return correct(Live(path), text, {"kind": "merge", "objects": names})
-        return apply_operations(text, ops)
+            return physgen.edit.corrections.correct(
+                physgen.edit.live.Live(path), text, {"kind": "merge", "objects": names}
+            )
+        return physgen.edit.operations.apply_operations(text, ops)
     except EditError as error:
         refusal = RefusedError(error.message, error.fix, error.code)
         raise InputError([refusal.problem(Place(str(path)))]) from None
@@ -135,27 +133,27 @@ def _check_edited(before: OpenedScene, after: OpenedScene) -> None:
 
 def edit_file(options: argparse.Namespace) -> int:
     """Apply one edit of objects. All other lines and the comments stay."""
-    from physgen.scene.load import OpenedScene
-    from physgen.scene.saving import note_copies, save_scene
-
     path: Path = options.scene
     words = list(options.objects)
     if "to" in options:
         words.append(options.to)
     _refuse_scene_behind(options.command, path, words)
     # A scene with faults is refused before any change of its file.
-    before = OpenedScene(path, options.allow_outside)
+    before = physgen.scene.load.OpenedScene(path, options.allow_outside)
     scene = before.scene()
     check_writable(path.resolve().parent)
     _refuse_other_names(scene, path, options.objects)
     _check_names(scene, path, options)
     correction = _edit_objects(path, options)
     # The edited text is validated before the file is replaced.
-    _check_edited(before, OpenedScene(path, options.allow_outside, correction.text))
+    _check_edited(
+        before,
+        physgen.scene.load.OpenedScene(path, options.allow_outside, correction.text),
+    )
     folder = getattr(correction, "folder", None)
     if folder is not None and scene.assets is not None:
-        note_copies(scene.assets, folder)
-    save_scene(
+        physgen.scene.saving.note_copies(scene.assets, folder)
+    physgen.scene.saving.save_scene(
         path.resolve(),
         correction.text.encode("utf-8"),
         lambda kept: print_error(
@@ -168,15 +166,13 @@ def edit_file(options: argparse.Namespace) -> int:
 
 def _check_names(scene: Scene, path: Path, options: argparse.Namespace) -> None:
     """Raise InputError for unknown objects, and for a merge that cannot be made."""
-    from physgen.pipeline.pushes import find_object
-
     names = list(options.objects)
     is_merge = options.command == "merge"
     # A merge can add doubtful regions to an object.
     doubtful_names = set(scene.document.get("doubtful") or {}) if is_merge else set()
     for name in names:
         if name not in doubtful_names:
-            find_object(scene, str(path), name)
+            pipeline.pushes.find_object(scene, str(path), name)
     if not is_merge:
         return
     if len(names) < 2:
@@ -266,7 +262,6 @@ def _scene(options: argparse.Namespace) -> tuple[Path, bool]:
     bar = Bar()
     with bar.ticking():
         bar.show(BEGIN, 0, 1)
-        from physgen import pipeline
 
         check_writable(scene.parent)
         pipeline.perceive(

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import physgen.evaluate
 from physgen.cli import measures
 from physgen.cli.arguments import (
     Command,
@@ -31,6 +32,7 @@ from physgen.cli.output import (
 from physgen.files import install
 from physgen.messages import Message
 from physgen.problems import collect
+from physgen.registry import Backends, Plan, choices
 
 if TYPE_CHECKING:
     from physgen.evaluate.backends.inception import Inception
@@ -44,10 +46,8 @@ REFERENCE = "reference"
 
 def check_output(folder: Path | None) -> None:
     """Raise InputError if no page can be written into the folder of `-o`."""
-    from physgen.evaluate.measure import check_folder
-
     check_folder_name(folder)
-    check_folder(folder)
+    physgen.evaluate.measure.check_folder(folder)
 
 
 def add_output(parser: Parser) -> None:
@@ -58,9 +58,11 @@ def add_output(parser: Parser) -> None:
 
 def show(findings: Findings, options: argparse.Namespace) -> int:
     """Print the result. Return exit code 1 if a bar is missed."""
-    from physgen.evaluate.measure import as_json, text
-
-    sys.stdout.write(as_json(findings) if options.json else text(findings))
+    sys.stdout.write(
+        physgen.evaluate.measure.as_json(findings)
+        if options.json
+        else physgen.evaluate.measure.text(findings)
+    )
     if findings.has_passed:
         return OK
     return FAILED
@@ -72,9 +74,9 @@ def hand_over(findings: Findings, options: argparse.Namespace) -> int:
     """
     code = show(findings, options)
     if options.output:
-        from physgen.evaluate.measure import write_page
-
-        page = write_page(findings, options.output, options.command_line, print_backup)
+        page = physgen.evaluate.measure.write_page(
+            findings, options.output, options.command_line, print_backup
+        )
         print_error(f"the page: {page}")
     return code
 
@@ -100,21 +102,20 @@ def add_segmentation(parser: Parser) -> None:
 
 
 def run_segmentation(options: argparse.Namespace) -> int:
-    from physgen.evaluate.segmentation import evaluate, findings, pairs
-    from physgen.registry import Backends, Plan, choices
-
     backend_choices = choices(options.backend)
     if set(backend_choices) - {"segment"}:
         role = f'"{", ".join(sorted(set(backend_choices) - {"segment"}))}"'
         raise Message.ROLE_NOT_SEGMENT.error("--backend", role)
-    photo_pairs, warnings = pairs(options.folder)
+    photo_pairs, warnings = physgen.evaluate.segmentation.pairs(options.folder)
     print_problems(warnings)
     check_output(options.output)
     bar = Bar()
     segment = Backends(Plan(backend_choices)).get("segment")
-    result = evaluate(photo_pairs, segment, progress=bar.show)
+    result = physgen.evaluate.segmentation.evaluate(
+        photo_pairs, segment, progress=bar.show
+    )
     bar.clear()
-    return hand_over(findings(result), options)
+    return hand_over(physgen.evaluate.segmentation.findings(result), options)
 
 
 # ---- fid
@@ -156,38 +157,38 @@ def add_fid(parser: Parser) -> None:
 
 
 def run_fid(options: argparse.Namespace) -> int:
-    from physgen.evaluate.clip_frames import Rule, sources
-    from physgen.evaluate.fid import Settings, findings, measure
-
     check_output(options.output)
     method_clips = methods(options.clips)
     # A missing file of Inception and missing clips are reported together.
     calls: list[Callable[[], Any]] = [partial(_features, options.inception)]
     calls += [
-        partial(sources, paths) for paths in (options.reference, *method_clips.values())
+        partial(physgen.evaluate.clip_frames.sources, paths)
+        for paths in (options.reference, *method_clips.values())
     ]
     features, truth, *sides = collect(calls)
-    settings = Settings(Rule(options.size, options.frames), options.draws)
+    settings = physgen.evaluate.fid.Settings(
+        physgen.evaluate.clip_frames.Rule(options.size, options.frames), options.draws
+    )
     shortened_sides = (
         [replace(source, skip=options.skip) for source in side] for side in sides
     )
     clips = dict(zip(method_clips, shortened_sides, strict=True))
     bar = Bar()
     try:
-        comparison = measure(truth, clips, features, settings, bar.show)
+        comparison = physgen.evaluate.fid.measure(
+            truth, clips, features, settings, bar.show
+        )
     except MemoryError:
         raise Message.FRAMES_TOO_LARGE.error("--size", str(options.size)) from None
     bar.clear()
     print_problems(comparison.warnings)
-    return hand_over(findings(comparison, options.skip), options)
+    return hand_over(physgen.evaluate.fid.findings(comparison, options.skip), options)
 
 
 def _features(file: Path) -> Inception:
     """Return the features of Inception's file. Raise InputError."""
     try:
-        from physgen.evaluate.backends.inception import Inception
-
-        return Inception(file)
+        return physgen.evaluate.backends.inception.Inception(file)
     except ModuleNotFoundError as error:
         message, command = Message.INCEPTION_NEEDS, install("models")
         raise message.error(
@@ -235,7 +236,6 @@ VIDEOS = 15
 def run_study(options: argparse.Namespace) -> int:
     if options.key:
         return _read_study(options)
-    from physgen.evaluate.study import check_page, make, methods_in, write_study
 
     # Answers without a key are a mistake, since they need the key of their study.
     if any(path.suffix == ".json" for path in options.paths):
@@ -243,12 +243,14 @@ def run_study(options: argparse.Namespace) -> int:
     if len(options.paths) > 1:
         raise Message.SECOND_FOLDER.error(str(options.paths[1]))
     page: Path = options.output or Path("study.html")
-    check_page(page)
+    physgen.evaluate.study.check_page(page)
     bar = Bar()
-    methods = methods_in(options.paths[0])
-    study = make(methods, options.videos or VIDEOS, options.seed, bar.show)
+    methods = physgen.evaluate.study.methods_in(options.paths[0])
+    study = physgen.evaluate.study.make(
+        methods, options.videos or VIDEOS, options.seed, bar.show
+    )
     bar.clear()
-    key = write_study(study, page, print_backup)
+    key = physgen.evaluate.study.write_study(study, page, print_backup)
     if left_out := set(methods.scenes) - set(methods.common_scenes):
         print_error(
             f"left out, since not every method has made them: {', '.join(sorted(left_out))}"
@@ -292,15 +294,14 @@ def run_study(options: argparse.Namespace) -> int:
 
 
 def _read_study(options: argparse.Namespace) -> int:
-    from physgen.evaluate.ratings import files_in, findings, read_answers
-    from physgen.evaluate.study import read_key
-
     if options.videos is not None:
         raise Message.VIDEOS_WITH_KEY.error("--videos")
     check_output(options.output)
-    key = read_key(options.key)
-    answers = read_answers(files_in(options.paths, options.key), key)
-    return hand_over(findings(answers, options.seed), options)
+    key = physgen.evaluate.study.read_key(options.key)
+    answers = physgen.evaluate.ratings.read_answers(
+        physgen.evaluate.ratings.files_in(options.paths, options.key), key
+    )
+    return hand_over(physgen.evaluate.ratings.findings(answers, options.seed), options)
 
 
 # ---- the measures of cli/measures.py

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+import physgen.export
+from physgen import batch, pipeline
 from physgen.cli.arguments import (
     Command,
     Parser,
@@ -16,29 +18,25 @@ from physgen.cli.clips import add_overlays, check_names, make_all, variants_of
 
 
 def export(options: argparse.Namespace) -> int:
-    from physgen.batch.run import Job
-    from physgen.export.formats import choose_formats
-    from physgen.pipeline import Page, RenderOptions
-
     refuse_settings(options.scenes)
 
     check_folder_name(options.output)
-    choose_formats(options.format)
+    physgen.export.formats.choose_formats(options.format)
     # Labels are made by the same jobs as clips, without a video.
     jobs = []
     for path in options.scenes:
         for variant in variants_of(path, options):
             jobs.append(
-                Job(
+                batch.run.Job(
                     path,
-                    RenderOptions(
+                    pipeline.RenderOptions(
                         overrides=tuple(options.set),
                         variant=variant,
                         allow_outside=options.allow_outside,
                         formats=(),
                         command=tuple(options.command_line),
                         cached=options.cache,
-                        page=Page.NONE,
+                        page=pipeline.Page.NONE,
                         export=tuple(options.format),
                     ),
                     options.output,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import physgen.fit
 from physgen.cli.arguments import Command, Parser, names, positive, seed
 from physgen.cli.output import OK, Bar, print_error, print_line, print_problem
 from physgen.messages import Message
@@ -13,28 +14,26 @@ REPORTS = ("full", "none")
 
 
 def fit(options: argparse.Namespace) -> int:
-    from physgen.fit.run import FitOptions, fit_files, interval_lines, kinds_of
-
     _check_files(options)
     output = options.output
     if not output:
         output = options.scene.with_name(f"{options.scene.stem}-fitted.yaml")
     bar = Bar()
-    request = FitOptions(
+    request = physgen.fit.run.FitOptions(
         scene=options.scene,
         output=output,
         clip=options.clip,
         tracks=options.tracks,
-        kinds=kinds_of(options.free),
+        kinds=physgen.fit.run.kinds_of(options.free),
         slowdown=options.slow,
         seed=options.seed,
         allow_outside=options.allow_outside,
         has_report=options.report != "none",
     )
     with bar.ticking():
-        result = fit_files(request, bar.aside(print_problem), bar.show)
+        result = physgen.fit.run.fit_files(request, bar.aside(print_problem), bar.show)
         bar.clear()
-    for line in interval_lines(result):
+    for line in physgen.fit.run.interval_lines(result):
         print_error(f"  {line}")
     if result.fit.flat_directions:
         print_error("this clip cannot determine:")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from physgen import report
 from physgen.cli.arguments import Command, Parser
 from physgen.cli.output import OK, Bar, print_backup, print_json
 from physgen.files import check_writable
@@ -15,9 +16,6 @@ PAGE_SUFFIXES = (".html", ".htm")
 
 
 def gallery(options: argparse.Namespace) -> int:
-    from physgen.report.clips import clips_in
-    from physgen.report.gallery import write_gallery
-
     folders: list[Path] = options.folders
     index = (
         options.output or (folders[0] if len(folders) == 1 else Path()) / "index.html"
@@ -28,11 +26,11 @@ def gallery(options: argparse.Namespace) -> int:
         )
     if not index.is_dir():
         check_writable(index.parent)
-    if not index.is_dir() and not clips_in(folders):
+    if not index.is_dir() and not report.clips.clips_in(folders):
         raise Message.NO_PHYSGEN_CLIPS.error(", ".join(map(str, folders)))
     # The page is written last, after all checks of its name and folders.
     bar = Bar()
-    page = write_gallery(
+    page = report.gallery.write_gallery(
         folders, index, title=options.title, progress=bar.show, keep=print_backup
     )
     bar.clear()

@@ -37,7 +37,7 @@ from physgen.cli.output import (
     print_json,
     print_problems,
 )
-from physgen.files import final_name
+from physgen.files import final_name, resource
 from physgen.operating_system import handle_termination
 from physgen.problems import InputError
 from physgen.signals import install_handler
@@ -152,8 +152,6 @@ def build_parser() -> Parser:
 
 
 def schema(options: argparse.Namespace) -> int:
-    from physgen.files import resource
-
     sys.stdout.write(
         resource("schemas", "scene-1.schema.json").read_text(encoding="utf-8")
     )

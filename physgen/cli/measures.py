@@ -8,13 +8,19 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import physgen.evaluate
+import physgen.scene
+from physgen import pipeline
 from physgen.cli.arguments import Parser, integer_reader, names, positive, wrong_value
 from physgen.cli.clips import add_overlays
 from physgen.cli.output import Bar, print_error, print_problem
+from physgen.environment import this_machine
 from physgen.messages import Message
+from physgen.registry import Backends, choices, load_plan
 
 if TYPE_CHECKING:
     from physgen.evaluate.measure import Findings
+    from physgen.evaluate.plausibility.tracks import Tracks
 
 QUESTIONS = ("gravity", "momentum", "energy", "overlap", "jumps")
 """Questions about a motion."""
@@ -33,19 +39,22 @@ def add_properties(parser: Parser) -> None:
 
 def find_properties(options: argparse.Namespace, bar: Bar) -> Findings:
     """Ask a physics backend for the properties of objects."""
-    from physgen.evaluate.properties import SHIPPED, Origin, ask, findings, read_table
-    from physgen.registry import Backends, choices, load_plan
-
     if others := set(choices(options.backend)) - {"physics"}:
         role = f'"{", ".join(sorted(others))}"'
         raise Message.ROLE_NOT_PHYSICS.error("--backend", role)
-    table = read_table(options.table or SHIPPED)
+    table = physgen.evaluate.properties.read_table(
+        options.table or physgen.evaluate.properties.SHIPPED
+    )
     plan = load_plan(options.backend, config=options.config).of(("physics",))
     backends = Backends(plan)
-    answers = ask(table, backends, not options.hide_size, bar.show)
+    answers = physgen.evaluate.properties.ask(
+        table, backends, not options.hide_size, bar.show
+    )
     backends.close()
-    origin = Origin(backends.name("physics"), not options.hide_size)
-    return findings(table, answers, origin)
+    origin = physgen.evaluate.properties.Origin(
+        backends.name("physics"), not options.hide_size
+    )
+    return physgen.evaluate.properties.findings(table, answers, origin)
 
 
 def add_controllability(parser: Parser) -> None:
@@ -81,20 +90,19 @@ def find_controllability(options: argparse.Namespace, bar: Bar) -> Findings:
     """Push one object in many ways. Draw `paths.svg` beside the page if matplotlib is
     installed.
     """
-    from physgen import pipeline
-    from physgen.evaluate.controllability import findings, plot, sweep
-
     if options.variant == "all":
         raise Message.VARIANT_ALL.error("--variant", "all")
     scene = pipeline.load(
         options.scene, options.set, options.variant, options.allow_outside
     )
-    pushes = sweep(scene, options.object, options.angles, options.sizes, bar.show)
+    pushes = physgen.evaluate.controllability.sweep(
+        scene, options.object, options.angles, options.sizes, bar.show
+    )
     if options.output and find_spec("matplotlib"):
-        plot(pushes, options.output / "paths.svg")
+        physgen.evaluate.controllability.plot(pushes, options.output / "paths.svg")
     elif options.output:
         print_error("without matplotlib there is no plot of the paths")
-    return findings(pushes)
+    return physgen.evaluate.controllability.findings(pushes)
 
 
 def add_plausibility(parser: Parser) -> None:
@@ -120,15 +128,18 @@ def add_plausibility(parser: Parser) -> None:
 
 def find_plausibility(options: argparse.Namespace, bar: Bar) -> Findings:
     """Judge the motion of clips without ground truth."""
-    from physgen.evaluate.plausibility.judge import findings, judge
-    from physgen.evaluate.plausibility.tracks import Tracks, read
-    from physgen.scene.scene import View
-
     clips: list[Tracks] = []
     for path in options.clips:
-        clips += read(path, options.fps, View(options.view))
-    verdicts = [judge(tracks.hold(options.held), options.skip) for tracks in clips]
-    return findings(verdicts)
+        clips += physgen.evaluate.plausibility.tracks.read(
+            path, options.fps, physgen.scene.scene.View(options.view)
+        )
+    verdicts = [
+        physgen.evaluate.plausibility.judge.judge(
+            tracks.hold(options.held), options.skip
+        )
+        for tracks in clips
+    ]
+    return physgen.evaluate.plausibility.judge.findings(verdicts)
 
 
 def add_physics(parser: Parser) -> None:
@@ -154,22 +165,19 @@ def numbers(text: str) -> list[int]:
 
 def find_physics(options: argparse.Namespace, bar: Bar) -> Findings:
     """Compare the engine with closed forms."""
-    from physgen.evaluate.physics import ROWS
-    from physgen.evaluate.physics.scorecard import (
-        DRAWS,
-        STEPS,
-        choose,
-        evaluate,
-        findings,
+    rows = physgen.evaluate.physics.scorecard.choose(
+        physgen.evaluate.physics.ROWS, options.rows
     )
-
-    rows = choose(ROWS, options.rows)
-    steps: tuple[int, ...] = STEPS
+    steps: tuple[int, ...] = physgen.evaluate.physics.scorecard.STEPS
     if not options.convergence:
         steps = ()
     jobs = options.jobs or os.cpu_count() or 1
-    draws = options.draws or DRAWS
-    return findings(evaluate(rows, draws, steps, jobs, options.scenes))
+    draws = options.draws or physgen.evaluate.physics.scorecard.DRAWS
+    return physgen.evaluate.physics.scorecard.findings(
+        physgen.evaluate.physics.scorecard.evaluate(
+            rows, draws, steps, jobs, options.scenes
+        )
+    )
 
 
 def add_fidelity(parser: Parser) -> None:
@@ -189,20 +197,16 @@ def find_fidelity(options: argparse.Namespace, bar: Bar) -> Findings:
     """Compare rendered frames with path-traced ones. Write strips `SCENE.jpg` beside
     the page.
     """
-    from physgen.evaluate.fidelity import (
-        TRUTH,
-        evaluate,
-        findings,
-        truths,
-        write_strips,
+    folder = options.truth or physgen.evaluate.fidelity.TRUTH
+    result = physgen.evaluate.fidelity.findings(
+        physgen.evaluate.fidelity.evaluate(folder, options.scenes, bar.show)
     )
-
-    folder = options.truth or TRUTH
-    result = findings(evaluate(folder, options.scenes, bar.show))
     if options.output:
         options.output.mkdir(parents=True, exist_ok=True)
-        for truth in truths(folder, options.scenes):
-            write_strips(truth, options.output / f"{truth.name}.jpg")
+        for truth in physgen.evaluate.fidelity.truths(folder, options.scenes):
+            physgen.evaluate.fidelity.write_strips(
+                truth, options.output / f"{truth.name}.jpg"
+            )
     return result
 
 
@@ -214,11 +218,10 @@ def add_runtime(parser: Parser) -> None:
 
 def find_runtime(options: argparse.Namespace, bar: Bar) -> Findings:
     """Collect the times of stages."""
-    from physgen.environment import this_machine
-    from physgen.evaluate.runtime import findings, gpu, read_runs
-
-    runs = read_runs(options.folders, print_problem)
-    return findings(runs, f"{this_machine()}, {gpu() or 'no GPU'}")
+    runs = physgen.evaluate.runtime.read_runs(options.folders, print_problem)
+    return physgen.evaluate.runtime.findings(
+        runs, f"{this_machine()}, {physgen.evaluate.runtime.gpu() or 'no GPU'}"
+    )
 
 
 FINDERS = {

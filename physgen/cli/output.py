@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from physgen import scene
 from physgen.messages import Note
 from physgen.operating_system import open_file_path
 from physgen.problems import Place, Problem
@@ -81,9 +82,7 @@ def _print_assets_place(text: str) -> None:
     """Print the place of the assets for a scene on stdout, and how to save
     the scene.
     """
-    from physgen.scene.yaml_edit import mark_values
-
-    assets = mark_values(text).data()["assets"]
+    assets = scene.yaml_edit.mark_values(text).data()["assets"]
     print_error(
         f"{assets}: holds the maps of the scene on stdout; save the scene as a file "
         f"in {Path().resolve()}, or name the file with -o"

@@ -11,6 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import physgen.perceive
+from physgen import pipeline
 from physgen.cli.arguments import (
     Command,
     Parser,
@@ -33,9 +35,10 @@ from physgen.cli.output import (
 from physgen.files import check_writable
 from physgen.messages import Message
 from physgen.problems import THIS_PHOTO, InputError, Place, Problem, collect
+from physgen.registry import CONFIGURATION, PROFILES, Backends, load_plan
 
 if TYPE_CHECKING:
-    from physgen.registry import Backends, Plan
+    from physgen.registry import Plan
 
 BEGIN = "begin"
 """Stage during the import of the perception packages, which takes seconds."""
@@ -80,8 +83,6 @@ def perceive_photo(
 
     `stdout_target` is the target file of stdout. Raise InputError.
     """
-    from physgen import pipeline
-
     boxes = len(options.box)
     output = options.output or options.refresh
     # Collect the problems of all flags, so that the user sees them at once.
@@ -115,9 +116,7 @@ def perceive_photo(
         "view": options.view,
     }
     if options.refresh:
-        from physgen.pipeline.refreshing import refresh
-
-        return refresh(
+        return pipeline.refreshing.refresh(
             options.refresh, output, allow_outside=options.allow_outside, **settings
         )
     settings |= {"masks": options.masks, "side": options.side, "story": options.story}
@@ -188,8 +187,6 @@ def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
 
     An error in one photo does not stop the others. Raise InputError for wrong flags.
     """
-    from physgen import pipeline
-
     names = _names(options.image)
     wrong_flags = _flag_problems(options, names)
     if wrong_flags:
@@ -266,16 +263,13 @@ def crew_of(options: argparse.Namespace, *, keep: bool = False) -> Backends:
     """Return the perception backends chosen by flags. `keep` keeps models for further
     photos.
     """
-    from physgen.perceive.perception_run import ROLES
-    from physgen.registry import Backends
-
-    return Backends(replace(plan_of(options), keep=keep).of(ROLES))
+    return Backends(
+        replace(plan_of(options), keep=keep).of(physgen.perceive.perception_run.ROLES)
+    )
 
 
 def plan_of(options: argparse.Namespace) -> Plan:
     """Return the choice of backends from flags and the configuration file."""
-    from physgen.registry import CONFIGURATION, load_plan
-
     if options.config is None and Path(CONFIGURATION).is_file():
         print_error(
             f"{CONFIGURATION}: the one in this folder is not read; --config {CONFIGURATION} reads it"
@@ -336,8 +330,6 @@ def _refuse_without_point(options: argparse.Namespace) -> None:
 
 
 def import_(options: argparse.Namespace) -> int:
-    from physgen import pipeline
-
     check_scene_name(options.output)
     if options.output:
         output_file = None
@@ -432,8 +424,6 @@ def add_backends(parser: Parser) -> None:
 
 def add_backend_choices(parser: Parser) -> None:
     """Add the flags of backends, without the configuration file."""
-    from physgen.registry import PROFILES
-
     help_text = "the backend of a step, and the hub id or path of its weights; see physgen backends"
     parser.option(
         "--backend", "ROLE=NAME[:WEIGHTS]", str, help_text, [], action="append"

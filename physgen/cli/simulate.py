@@ -11,6 +11,9 @@ from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import physgen.scene
+import physgen.simulate
+from physgen import compile, pipeline
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, positive
 from physgen.cli.clips import (
     add_overlays,
@@ -44,8 +47,6 @@ COLUMNS = {
 
 
 def show(options: argparse.Namespace) -> int:
-    from physgen import pipeline
-
     variant = _one_variant(options)
     scene = pipeline.load(options.scene, options.set, variant, options.allow_outside)
     print_problems(other_variants(options.scene, options))
@@ -71,18 +72,17 @@ def show(options: argparse.Namespace) -> int:
 
 def object_rows(scene: Scene, compilation: CompiledScene) -> list[dict[str, Any]]:
     """Return the main values of each object, in the order of names."""
-    from physgen.compile.warnings import supports
-    from physgen.scene.provenance import source
-
     rows = []
-    supports_by_object = supports(scene, compilation)
+    supports_by_object = compile.warnings.supports(scene, compilation)
     for item, body, under in zip(
         scene.objects, compilation.world.bodies, supports_by_object, strict=True
     ):
         speed = hypot(*body.velocity) / scene.world.pixels_per_meter
         confidence = scene.document["objects"][item.name].get("confidence")
         if "mask" in item.provenance:
-            size_text = source(item.provenance["mask"]).confidence
+            size_text = physgen.scene.provenance.source(
+                item.provenance["mask"]
+            ).confidence
         else:
             size_text = confidence
         if item.motion.value == "static":
@@ -135,8 +135,6 @@ def check(options: argparse.Namespace) -> int:
 
 def _problems_of_file(path: str, options: argparse.Namespace) -> Iterator[Problem]:
     """Yield the errors and warnings of a file, and the errors of all its variants."""
-    from physgen import pipeline
-
     for variant in variants_of(path, options):
         try:
             scene = pipeline.load(path, options.set, variant, options.allow_outside)
@@ -160,10 +158,6 @@ def _count_text(problems: Iterable[Problem]) -> str:
 
 
 def simulate(options: argparse.Namespace) -> int:
-    from physgen import pipeline
-    from physgen.pipeline.clip_warnings import motion_warnings
-    from physgen.simulate.trajectory import is_trajectory
-
     kind = _trajectory_kind(options.output)
     variant = _one_variant(options)
     scene = pipeline.load(options.scene, options.set, variant, options.allow_outside)
@@ -176,8 +170,12 @@ def simulate(options: argparse.Namespace) -> int:
     with scene.located():
         trajectory = pipeline.simulate(compilation.world, options.rate, bar.show)
     bar.clear()
-    print_problems(motion_warnings(scene, compilation.world, trajectory))
-    if options.output is not None and not is_trajectory(options.output):
+    print_problems(
+        pipeline.clip_warnings.motion_warnings(scene, compilation.world, trajectory)
+    )
+    if options.output is not None and not physgen.simulate.trajectory.is_trajectory(
+        options.output
+    ):
         back_up(options.output, print_backup)
     if kind == "npz":
         trajectory.save(options.output)

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from physgen import batch, pipeline, scene
 from physgen.cli.arguments import (
     Command,
     Parser,
@@ -47,22 +48,20 @@ columns.
 
 
 def sweep(options: argparse.Namespace) -> int:
-    from physgen.batch.axes import read_axes
-    from physgen.batch.sweep import check_values, plan_clips
-    from physgen.scene.load import OpenedScene
-
     # The first argument is often forgotten, and then a key is taken for the scene.
     if "=" in options.scene and not Path(options.scene).exists():
         raise Message.SWEEP_WITHOUT_SCENE.error(options.scene)
     check_folder_name(options.output)
     check_cluster(options)
-    scene_file = OpenedScene(Path(options.scene), options.allow_outside)
+    scene_file = scene.load.OpenedScene(Path(options.scene), options.allow_outside)
     if options.variant == "all":
         variants = [None, *scene_file.variants]
     else:
         variants = [options.variant]
-    plan = plan_clips(read_axes(options.axes), variants, options.samples, options.seed)
-    objects = check_values(plan, scene_file, options.set)
+    plan = batch.sweep.plan_clips(
+        batch.axes.read_axes(options.axes), variants, options.samples, options.seed
+    )
+    objects = batch.sweep.check_values(plan, scene_file, options.set)
     if options.dry_run:
         return _list_clips(plan, options)
     return _make_sweep(plan, objects, options)
@@ -70,35 +69,29 @@ def sweep(options: argparse.Namespace) -> int:
 
 def _list_clips(plan: Sweep, options: argparse.Namespace) -> int:
     """Print all clips with their values, and make none."""
-    import csv
-
-    rows = csv.writer(sys.stdout, lineterminator="\n")
     if not options.json:
-        rows.writerow(["number", "name", "variant", *(axis.key for axis in plan.axes)])
+        keys = [axis.key for axis in plan.axes]
+        batch.sweep.write_row(sys.stdout, ["number", "name", "variant", *keys])
     for point in map(plan.__getitem__, range(len(plan))[options.part or slice(None)]):
         if options.json:
             row = {"number": point.number, "name": point.name, "variant": point.variant}
             print_line(json.dumps({**row, "set": point.overrides}, ensure_ascii=False))
         else:
             cells = [value.cell for value in point.values]
-            rows.writerow([point.number, point.name, point.variant or "", *cells])
+            row_cells = [point.number, point.name, point.variant or "", *cells]
+            batch.sweep.write_row(sys.stdout, row_cells)
     return OK
 
 
 def _make_sweep(
     plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace
 ) -> int:
-    from physgen import pipeline
-    from physgen.batch import sweep as files
-    from physgen.batch.outcomes import columns
-    from physgen.tables import Table
-
     variant = None if len(plan.variants) > 1 else plan.variants[0]
     sweep_name = f"{pipeline.output_name(options.scene, variant)}-sweep"
     options.output = options.output or str(Path("out", sweep_name))
     tracked_names = _tracked_names(objects, options.track)
     make = job_maker(options)
-    table = files.table_columns(plan, columns(tracked_names))
+    table = batch.sweep.table_columns(plan, batch.outcomes.columns(tracked_names))
     out = Path(options.output)
     check_writable(out)
     if (out / TABLE).is_dir():
@@ -125,12 +118,12 @@ def _make_sweep(
     if options.part:
         # A run with all clips writes the table, not a run of one part.
         return make_all(jobs(), len(numbers), options, gallery=False)
-    with Table(out / TABLE, table) as rows:
+    with batch.sweep.open_table(out / TABLE, table) as rows:
 
         def finish() -> Sequence[str]:
             if rows.count < len(plan):
                 return ()
-            files.keep_other_table(rows.path, rows.part, print_backup)
+            batch.sweep.keep_other_table(rows.path, rows.part, print_backup)
             rows.publish()
             return [str(rows.path)]
 
@@ -139,7 +132,7 @@ def _make_sweep(
             len(plan),
             options,
             on_result=lambda done: rows.add(
-                files.table_row(plan, running.popleft(), done)
+                batch.sweep.table_row(plan, running.popleft(), done)
             ),
             finish=finish,
         )

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import physgen.batch
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, count
 from physgen.cli.clusters import (
     add_cluster,
@@ -25,27 +26,28 @@ if TYPE_CHECKING:
 
 
 def verify(options: argparse.Namespace) -> int:
-    from physgen.batch import verify as batch
-    from physgen.batch.clips import clip_folders
-
     check_cluster(options)
     if options.ship is None:
-        folders = clip_folders(options.folders)
+        folders = physgen.batch.clips.clip_folders(options.folders)
     else:
         folders = stored_clips(options)
     requests = []
     for folder in folders:
         requests.append(
-            batch.VerifyRequest(folder, options.scene, options.allow_outside)
+            physgen.batch.verify.VerifyRequest(
+                folder, options.scene, options.allow_outside
+            )
         )
     has_many = len(requests) > 1
     bar = Bar()
-    work = batch.verify
+    work = physgen.batch.verify.verify
     if not has_many and options.cluster is None:
-        work = partial(batch.verify, progress=bar.show)
-    counts = Counter(dict.fromkeys(batch.Outcome, 0))
+        work = partial(physgen.batch.verify.verify, progress=bar.show)
+    counts = Counter(dict.fromkeys(physgen.batch.verify.Outcome, 0))
     with closing(
-        run_all(options, work, requests, len(requests), batch.report_failure)
+        run_all(
+            options, work, requests, len(requests), physgen.batch.verify.report_failure
+        )
     ) as verdicts:
         for verdict in verdicts:
             bar.clear()
@@ -58,9 +60,9 @@ def verify(options: argparse.Namespace) -> int:
                 bar.show("clips", counts.total(), len(requests))
     bar.clear()
     code = OK
-    if counts[batch.Outcome.UNKNOWN]:
+    if counts[physgen.batch.verify.Outcome.UNKNOWN]:
         code = WRONG_INPUT
-    elif counts[batch.Outcome.DIFFERS]:
+    elif counts[physgen.batch.verify.Outcome.DIFFERS]:
         code = FAILED
     return _sum_up(counts, code, options)
 

@@ -20,6 +20,7 @@ from fastapi.security import APIKeyHeader
 from pydantic import Field, JsonValue
 from starlette.responses import FileResponse, JSONResponse, Response
 
+import physgen.materials
 from physgen.edit.operations import Body, Op
 from physgen.edit.render_job import RenderJob
 from physgen.edit.session import EditRequest, Session, Words
@@ -145,9 +146,7 @@ api = APIRouter(
 @api.get("/api/materials")
 def materials() -> list[Data]:
     """Return the table of materials."""
-    from physgen import materials as table
-
-    return list(map(asdict, table.materials()))
+    return list(map(asdict, physgen.materials.materials()))
 
 
 @api.get("/api/state")

@@ -19,6 +19,7 @@ from mimetypes import guess_type
 from pathlib import Path
 from typing import Any
 
+import jinja2
 import uvicorn
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
@@ -86,7 +87,6 @@ def page(services: Served, once: str | None = None) -> Response:
     if once is not None and once in services.page_keys:
         services.page_keys.discard(once)
         return RedirectResponse(f"/?token={services.token}", 303)
-    import jinja2
 
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(resource("templates")),

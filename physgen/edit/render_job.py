@@ -16,7 +16,7 @@ from secrets import token_hex
 from threading import Lock, Thread
 from typing import Any
 
-from physgen.export.video import Format
+from physgen.export.video_formats import Format
 from physgen.messages import Message
 from physgen.operating_system import separate_session, stop_process
 from physgen.problems import EditError, EditRefusal

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import krippendorff
 import numpy as np
 from numpy.typing import NDArray
 
@@ -276,8 +277,6 @@ def _is_meaningless(counts: Scores) -> bool:
 
 def _alpha(counts: Scores) -> float:
     """Return Krippendorff's alpha of (U, points) counts, or NaN if undefined."""
-    import krippendorff
-
     if _is_meaningless(counts):
         return float("nan")
     alpha = krippendorff.alpha(

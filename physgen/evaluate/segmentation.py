@@ -30,6 +30,15 @@ from physgen.photos import read_photo
 from physgen.problems import Place, Problem, collect
 from physgen.text import counted
 
+missing_package: str | None = None
+"""Name of a package of the extra `labels` that is not installed."""
+try:
+    from pycocotools import mask as coco
+    from pycocotools.coco import COCO
+    from pycocotools.cocoeval import COCOeval
+except ModuleNotFoundError as error:
+    missing_package = error.name
+
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Runs = Mapping[str, Any]
@@ -56,21 +65,17 @@ PAIR_FIX = f"put NAME{LABELS} beside each NAME.png, or {ASSETS} beside each phot
 
 def require_pycocotools() -> None:
     """Raise InputError if pycocotools is not installed."""
-    try:
-        import pycocotools.cocoeval  # noqa: F401
-    except ModuleNotFoundError as error:
+    if missing_package is not None:
         raise Message.PACKAGES_MISSING.error(
             "evaluate segmentation",
-            packages=error.name,
+            packages=missing_package,
             verb="is",
             install=install("labels"),
-        ) from None
+        )
 
 
 def runs(mask: Mask) -> Runs:
     """Return the run lengths of a mask (H, W)."""
-    from pycocotools import mask as coco
-
     return dict(coco.encode(np.asfortranarray(mask, np.uint8)))
 
 
@@ -283,8 +288,6 @@ def _run_coco(
     detections: list[Annotation],
 ) -> Any:
     """Return COCO's evaluation object with its results."""
-    from pycocotools.cocoeval import COCOeval
-
     # pycocotools prints its progress.
     with contextlib.redirect_stdout(io.StringIO()):
         truth = _dataset(photos, true_masks)
@@ -306,8 +309,6 @@ def _photo_matches(
     detections: Sequence[Annotation],
 ) -> PhotoMatches:
     """Return the matches in COCO's result of one photo."""
-    from pycocotools import mask as coco
-
     # The photo has neither true masks nor detections.
     if result is None:
         return PhotoMatches(np.zeros(0), np.zeros(0), 0)
@@ -330,9 +331,6 @@ def _photo_matches(
 
 def _dataset(photos: Sequence[Photo], annotations: list[Annotation]) -> Any:
     """Return annotations in the form of pycocotools. Ids count from 1."""
-    from pycocotools import mask as coco
-    from pycocotools.coco import COCO
-
     for k, annotation in enumerate(annotations, 1):
         area = float(coco.area(annotation["segmentation"]))
         annotation.update({"id": k, "category_id": 1, "area": area})

@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from enum import Enum
-from errno import EDQUOT, EFBIG, ENOSPC
 from fractions import Fraction
 from functools import partial
 from math import floor
@@ -20,17 +18,22 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import av
 import numpy as np
+from av.error import FFmpegError
 from numpy.typing import NDArray
+from PIL import Image
 
+from physgen.export.video_formats import I16 as I16
+from physgen.export.video_formats import MAX_RATES as MAX_RATES
+from physgen.export.video_formats import NO_ROOM as NO_ROOM
+from physgen.export.video_formats import SOUND_RATE as SOUND_RATE
+from physgen.export.video_formats import U8 as U8
+from physgen.export.video_formats import Format as Format
+from physgen.maps import write_png
 from physgen.messages import Message
 from physgen.problems import InputError, Problem
 
-U8 = NDArray[np.uint8]
-I16 = NDArray[np.int16]
-
-SOUND_RATE = 48_000
-"""Samples/s of sound tracks."""
 SOUND_BITS = 192_000
 """Bit rate of AAC, bit/s, without audible loss."""
 
@@ -64,39 +67,8 @@ class Mp4Options:
 PLAIN_MP4 = Mp4Options()
 
 
-class Format(Enum):
-    """Format of a clip's file."""
-
-    MP4 = "mp4"
-    GIF = "gif"
-    WEBP = "webp"
-    PNG = "png"
-
-    @property
-    def file(self) -> str:
-        """Return the file name inside a scene's output folder."""
-        return self.file_name("video")
-
-    def file_name(self, name: str) -> str:
-        """Return the name of another video beside it."""
-        if self is Format.PNG:
-            if name == "video":
-                return "frames"
-            return name
-        return f"{name}.{self.value}"
-
-
 MAX_SIDES = {Format.MP4: 16384, Format.WEBP: 16383, Format.GIF: 65535}
 """Maximum side of the encoders, px."""
-
-MAX_RATES = {Format.GIF: 50, Format.WEBP: 90}
-"""Maximum frame rates in browsers. Browsers show a frame for 100 ms if its delay is 10
-ms or less. GIF counts 10 ms, so that its shortest delay is 20 ms; WebP counts 1 ms, and
-90 frames/s give delays of 11 and 12 ms.
-"""
-
-NO_ROOM = (ENOSPC, EDQUOT, EFBIG)
-"""Errors of a full disk."""
 
 HEADER = 4096
 """Number of bytes, more than the header of any format."""
@@ -140,8 +112,6 @@ def open_video(
         raise Message.SIDE_TOO_LONG.error(place, found, most=max_side)
     source_rate = Fraction(fps).limit_denominator(1001)
     rate = min(source_rate, Fraction(MAX_RATES.get(kind, source_rate)))
-    from av.error import FFmpegError
-
     path = folder / kind.file_name(name)
     if kind is not Format.PNG:
         # PyAV crashes if a disk has no room for the header: test it first.
@@ -315,8 +285,6 @@ def _mp4(
     """Yield a writer of H.264, BT.709. For odd sizes, the last column and row are
     repeated.
     """
-    import av
-
     width = size[0] + size[0] % 2
     height = size[1] + size[1] % 2
     options = {"fflags": "+bitexact", "movflags": "+faststart"}
@@ -390,8 +358,6 @@ class _SoundWriter:
 
 @contextmanager
 def _webp(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
-    import av
-
     with av.open(
         str(path), "w", format="webp", options={"loop": "0", "fflags": "+bitexact"}
     ) as container:
@@ -413,9 +379,6 @@ def _gif(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
 
     GIF counts time in hundredths of a second: delays of 30 fps are 30 and 40 ms.
     """
-    import av
-    from PIL import Image
-
     with av.open(
         str(path), "w", format="gif", options={"loop": "0", "fflags": "+bitexact"}
     ) as container:
@@ -467,8 +430,6 @@ def _palette_table(palette: Any) -> U8:
 
 @contextmanager
 def _png(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
-    from physgen.maps import write_png
-
     path.mkdir(parents=True, exist_ok=True)
     count = 0
 
@@ -495,8 +456,6 @@ def open_alpha_clip(
 
     For odd sizes, the last column and row are repeated.
     """
-    import av
-
     container_name, encoder, pixel_formats, options = ALPHA_WAYS[path.suffix]
     width = size[0] + size[0] % 2
     height = size[1] + size[1] % 2
@@ -538,8 +497,6 @@ def sample_frames(path: Path, count: int, side: int) -> list[U8]:
     Frames are at most `side` px long. Only these frames are converted, which is fast.
     Raise OSError for an unreadable file.
     """
-    import av
-
     samples = []
     try:
         with av.open(str(path)) as container:

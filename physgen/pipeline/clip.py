@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.video import I16, U8, Format
+from physgen import report, simulate
+from physgen.compile.shapes import shapes_of
+from physgen.export.video_formats import I16, U8, Format
 from physgen.files import file_stamp
 from physgen.messages import Message
 from physgen.pipeline.clip_warnings import (
@@ -31,12 +33,14 @@ from physgen.pipeline.clip_warnings import (
 from physgen.pipeline.fan_draws import Draws
 from physgen.pipeline.film import Film, SideThreads
 from physgen.pipeline.push_motion import measure_sweep
+from physgen.pipeline.pushes import default_push
 from physgen.pipeline.refining import (
     Footage,
     Refiners,
     guidance_footage,
     refine_footage,
 )
+from physgen.pipeline.sounding import write_sound
 from physgen.pipeline.stages import Keep, Maps, Stages, fan, lint, render, resolved
 from physgen.pipeline.writing import VideoFiles
 from physgen.problems import (
@@ -62,7 +66,9 @@ from physgen.report.record import (
     source_of,
     write_json,
 )
+from physgen.scene.load import scene_name
 from physgen.scene.scene import ADD_OBJECT, Motion
+from physgen.scene.write import scene_text
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
@@ -331,10 +337,13 @@ class _Run:
         """Start to draw the report's pictures of the photo; its maps are
         released then.
         """
-        from physgen.report.perception import perception
-
         if self.paged:
-            make = partial(perception, self.scene, self.film.compiled, self._percepts)
+            make = partial(
+                report.perception.perception,
+                self.scene,
+                self.film.compiled,
+                self._percepts,
+            )
             self._perceived = self.aside.start("report", make)
             self._percepts = None
 
@@ -342,15 +351,14 @@ class _Run:
         """Start to collect the report's data of the motion, from frames that are
         sampled already.
         """
-        from physgen.report.html import template
-        from physgen.report.player import player_data
-
         film = self.film
         parts = film.compiled.world, trajectory, film.stage, film.shot(trajectory)
 
         def sample() -> Data | None:
-            template("report.html.j2")  # compile the template in this thread, too
-            data = player_data(self.scene, *parts)
+            report.html.template(
+                "report.html.j2"
+            )  # compile the template in this thread, too
+            data = report.player.player_data(self.scene, *parts)
             if data is not None and film.hold:
                 data["clip"]["hold"] = film.hold
             return data
@@ -430,9 +438,6 @@ class _Run:
         self, pushed_objects: Sequence[Object], smallest_visible: float
     ) -> str:
         """Return advice for a scene in which nothing moves by `smallest_visible` px."""
-        from physgen.compile.shapes import shapes_of
-        from physgen.pipeline.pushes import default_push
-
         scene = self.scene
         world = self.film.compiled.world
         look_hint = 'see what holds it by --set "render.overlay=[outlines, contacts]"'
@@ -456,13 +461,10 @@ class _Run:
         """Simulate with random values; None and a warning if no value of the scene is
         uncertain.
         """
-        from physgen.simulate.uncertain_values import uncertain_values
-        from physgen.simulate.uncertainty import verdicts
-
         scene = self.scene
         compiled_scene = self.film.compiled
         options = self.options
-        if not uncertain_values(scene, options.variant):
+        if not simulate.uncertain_values.uncertain_values(scene, options.variant):
             self.warn(
                 Message.NOTHING_UNCERTAIN.warning(scene.place("objects"), "--fan")
             )
@@ -475,7 +477,7 @@ class _Run:
             options.variant,
             self.progress,
         )
-        return Draws(ensemble, verdicts(ensemble))
+        return Draws(ensemble, simulate.uncertainty.verdicts(ensemble))
 
     def draw(self, trajectory: Trajectory, folder: Path) -> U8:
         """Write the video and the labels, and return the first frame."""
@@ -549,13 +551,12 @@ class _Run:
         has_track = Format.MP4 in self.options.formats and self.options.sound
         if not has_track or self.scene.render.sound is None:
             return None
-        from physgen.pipeline.sounding import sound_section, write_sound
 
         track = write_sound(self.film, trajectory, folder, self.record)
         if track is None:
             return None
         if self.paged:
-            self._sound_section = sound_section(track)
+            self._sound_section = report.listening.sound_section(track)
         return track.samples
 
     def _truth(self, folder: Path) -> Path:
@@ -573,19 +574,15 @@ class _Run:
         draws: Draws | None,
     ) -> None:
         """Write the report; `first` is the clip's first frame before refinement."""
-        from physgen.report.films import linked_film
-        from physgen.report.page import PageParts, report_page
-        from physgen.scene.write import scene_text
-
         scene = self.scene
         film = self.film
         record = self.record
         world = film.compiled.world
-        film_link = linked_film(self._video_files(folder))
+        film_link = report.films.linked_film(self._video_files(folder))
         # The page draws its own overlay on the bare first frame of the whole photo.
         if scene.render.overlay or not film.shot(trajectory).opens_on_photo:
             first = next(render(film.stage, trajectory)).rgb
-        parts = PageParts(
+        parts = report.page.PageParts(
             self._player(),
             self._perceived(),
             comparison,
@@ -594,7 +591,9 @@ class _Run:
             sound=self._sound_section,
         )
         text = scene_text(record.document)
-        html = report_page(scene, world, record, first, film_link, text, parts)
+        html = report.page.report_page(
+            scene, world, record, first, film_link, text, parts
+        )
         (folder / "report.html").write_text(html, "utf-8", "backslashreplace")
 
     def _video_files(self, folder: Path) -> list[str]:
@@ -629,8 +628,6 @@ def write_manifest(record: RunRecord, folder: Path) -> None:
 
 def output_name(path: str | Path, variant: str | None) -> str:
     """Return the name of a clip's folder: the names of the scene and its variant."""
-    from physgen.scene.load import scene_name
-
     name = scene_name(Path(path))
     if not name.isprintable():
         raise Message.NAME_NOT_PRINTABLE.error(repr(str(path)))

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from physgen import export
 from physgen.messages import Message
 from physgen.pipeline.film import Film
+from physgen.pipeline.labelling import labelled_clip, open_queue
 from physgen.progress import Progress
 from physgen.report.folders import (
     lost_files,
@@ -51,10 +53,9 @@ class Labels:
         """
         if not formats:
             return cls((), None)
-        from physgen.export.formats import check_fits, choose_formats
 
-        label_formats = choose_formats(formats)
-        check_fits(label_formats, scene, maps)
+        label_formats = export.formats.choose_formats(formats)
+        export.formats.check_fits(label_formats, scene, maps)
         return cls(
             label_formats, maps if any(kind.needs for kind in label_formats) else None
         )
@@ -80,8 +81,6 @@ class Labels:
         if not self.kinds:
             yield lambda frames: frames
             return
-        from physgen.export.formats import open_writers
-        from physgen.pipeline.labelling import labelled_clip, open_queue
 
         shot = film.shot(trajectory)
         clip = labelled_clip(film, trajectory, record, self.maps)
@@ -89,7 +88,7 @@ class Labels:
         with ExitStack() as open_files:
             with record.stage("export"):
                 writers = open_files.enter_context(
-                    open_writers(self.kinds, folder, clip)
+                    export.formats.open_writers(self.kinds, folder, clip)
                 )
 
             def write(moment: Moment | None) -> None:

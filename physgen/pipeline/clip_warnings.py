@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from physgen.export.video import MAX_RATES, Format
+from physgen.export.video_formats import MAX_RATES, Format
 from physgen.messages import Message
 from physgen.problems import (
     Problem,

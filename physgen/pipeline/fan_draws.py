@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from physgen.export.video import U8
+from physgen import report, simulate
+from physgen.export.video_formats import U8
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
@@ -25,8 +26,6 @@ class Draws:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary for the manifest."""
-        from physgen.simulate.uncertainty import headline
-
         ensemble = self.ensemble
         drawn_values = []
         for doubt in ensemble.doubts:
@@ -43,7 +42,7 @@ class Draws:
             "draws": len(ensemble.outcomes),
             "seed": ensemble.seed,
             "simulated": len(ensemble.complete_draws),
-            "verdict": headline(ensemble, self.verdicts),
+            "verdict": simulate.uncertainty.headline(ensemble, self.verdicts),
             "objects": {verdict.name: verdict.as_dict() for verdict in self.verdicts},
             "drawn": drawn_values,
             "failures": list(map(str, ensemble.failures)),
@@ -56,6 +55,6 @@ class Draws:
 
     def section(self, world: World, first: U8) -> dict[str, Any]:
         """Return the section of the report."""
-        from physgen.report.uncertainty import uncertainty_section
-
-        return uncertainty_section(self.ensemble, self.verdicts, world, first)
+        return report.uncertainty.uncertainty_section(
+            self.ensemble, self.verdicts, world, first
+        )

@@ -11,13 +11,20 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from physgen.files import MOST_PIXELS
+from physgen.geometry.polygon import Pose
 from physgen.progress import Progress
+from physgen.render.camera import blur_first_frame, exposure_times
+from physgen.render.grain import Delivery
+from physgen.render.mattes import matte_stage
+from physgen.render.overlay import annotate_frames
+from physgen.render.squash import find_squashes
+from physgen.render.striker import with_strikers
 from physgen.report.record import RunRecord, StageTime
+from physgen.scene.scene import Striker
 
 if TYPE_CHECKING:
     from physgen.compile.compile import CompiledScene
     from physgen.render.camera import Shot
-    from physgen.render.grain import Delivery
     from physgen.render.squash import Squashes
     from physgen.render.stage import Frame, Stage
     from physgen.render.striker import StruckScene
@@ -127,8 +134,6 @@ class Film:
 
         Must be called before the first frame is drawn.
         """
-        from physgen.render.grain import Delivery
-
         photo = None
         if self._maps is not None:
             photo = self._maps.percepts
@@ -173,10 +178,6 @@ class Film:
 
         As a `matte`, a frame shows the coverage of objects as light.
         """
-        from physgen.geometry.polygon import Pose
-        from physgen.render.camera import blur_first_frame
-        from physgen.render.mattes import matte_stage
-
         camera_shot = self.shot(trajectory)
         if order is not None:
             camera_shot = replace(camera_shot, order=tuple(order))
@@ -206,9 +207,6 @@ class Film:
         self, stage: Stage, exposure: tuple[Trajectory, int], shot: Shot
     ) -> StruckScene | None:
         """Return the scene with what comes in and pushes; None if nothing does."""
-        from physgen.render.striker import with_strikers
-        from physgen.scene.scene import Striker
-
         delivery = self._delivery
         if delivery is None or delivery.enter is Striker.NONE:
             return None
@@ -222,15 +220,12 @@ class Film:
         """Return the soft bodies that impacts flatten, in a delivered video that asks for it."""
         if self._delivery is None or not self._delivery.squash:
             return None
-        from physgen.render.squash import find_squashes
 
         labels = [item.label for item in self.scene.objects]
         return find_squashes(self.compiled.world, labels, trajectory)
 
     def sample_exposures(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
         """Return the samples for motion blur, and their number per frame."""
-        from physgen.render.camera import exposure_times
-
         # Frames may be read more than once: keep the samples of the last motion.
         if self._fine is None or self._fine[0] is not trajectory:
             moments, parts = exposure_times(
@@ -250,7 +245,6 @@ class Film:
         kinds = self.scene.render.overlay
         if not kinds:
             return frames
-        from physgen.render.overlay import annotate_frames
 
         camera_shot = self.shot(trajectory)
         return annotate_frames(

@@ -9,12 +9,47 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from physgen import simulate
+from physgen.compile.compile import compile_shapes
+from physgen.compile.shapes import shapes_of
 from physgen.geometry import scale
 from physgen.messages import Message, Note
+from physgen.perceive.support.supports import SOURCE
+from physgen.pipeline.push_choice import push_confidence, round_ends
 from physgen.pipeline.push_outcomes import ramp_of
+from physgen.pipeline.push_trials import compile_trials, simulate_push
+from physgen.pipeline.pushes import (
+    Push,
+    default_push,
+    direction_words,
+    named_pushes,
+    perceived_pushes,
+)
+from physgen.pipeline.refusals import find_refusals
+from physgen.pipeline.releases import (
+    RELEASE,
+    is_better,
+    is_oblique,
+    is_weak_push,
+    releases,
+    stands_behind,
+)
+from physgen.pipeline.stages import compile, ended
+from physgen.pipeline.story_server import StoryScene, photo_overview, tell
 from physgen.pipeline.trial_scenes import open_trial
+from physgen.pipeline.verdicts import (
+    outcome_doubts,
+    stillness_doubts,
+    with_doubts,
+    with_living_named,
+    with_toys_named,
+    without_parts_at_rest,
+)
 from physgen.problems import InputError, Place, Warn
 from physgen.scene.provenance import meters, source, stated_scale
+from physgen.scene.scene import View
 from physgen.scene.write import edit_texts
 from physgen.text import listed
 
@@ -25,7 +60,6 @@ if TYPE_CHECKING:
     from physgen.compile.world import World
     from physgen.perceive.roles import PerceivedScene
     from physgen.pipeline.push_outcomes import Outcome
-    from physgen.pipeline.pushes import Push
     from physgen.pipeline.refusals import Refusals
     from physgen.pipeline.story import Telling
     from physgen.registry import Plan
@@ -70,8 +104,6 @@ def start_motion(
     `pushes`, or a `story` in words, replace the automatic push. Raises InputError if
     one of them is wrong.
     """
-    from physgen.pipeline.verdicts import with_living_named, with_toys_named
-
     # A problem of the scene is reported when the scene is rendered.
     with suppress(InputError):
         perceived_scene = _at_rest(perceived_scene)
@@ -92,9 +124,6 @@ def _moved_by_story(
     perceived_scene: PerceivedScene, story: StoryRequest
 ) -> PerceivedScene:
     """Return the scene with the motion that a sentence asks for. Raises InputError."""
-    from physgen.pipeline.stages import compile, ended
-    from physgen.pipeline.story_server import StoryScene, photo_overview, tell
-
     opened = open_trial(perceived_scene, "motion")
     scene = opened.scene()
     compiled, _ = ended(scene, compile(scene, None))
@@ -142,12 +171,6 @@ def _at_rest(
 
     Objects of `exempt_names` are not held. Only in the side view can objects fall.
     """
-    import numpy as np
-
-    from physgen.compile.compile import compile_shapes
-    from physgen.compile.shapes import shapes_of
-    from physgen.scene.scene import View
-
     trial = open_trial(perceived_scene)
     scene = trial.scene()
     shapes = shapes_of(scene, None)
@@ -200,13 +223,9 @@ def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
     The simulation ends at the first motion, or when all objects have settled.
     """
-    import numpy as np
-
-    from physgen.simulate.engine import Running
-
     times = np.linspace(0, REST_SECONDS, REST_SAMPLES)
     rate = min(world.steps_per_second, REST_RATE)
-    running = Running(replace(world, steps_per_second=rate), times)
+    running = simulate.engine.Running(replace(world, steps_per_second=rate), times)
     # Simulate in blocks, to stop soon after the first motion.
     for stop in range(REST_BLOCK, REST_SAMPLES + 1, REST_BLOCK):
         running.advance(float(times[stop - 1]))
@@ -231,15 +250,6 @@ def _add_story_push(
     Only objects of `candidate_names`, if any are named, are pushed. If no push moves an object, a
     held object is released and pushed alone.
     """
-    from physgen.pipeline.refusals import find_refusals
-    from physgen.pipeline.releases import (
-        is_better,
-        is_oblique,
-        is_weak_push,
-        stands_behind,
-    )
-    from physgen.pipeline.verdicts import stillness_doubts, with_doubts
-
     refusals = find_refusals(perceived_scene)
     if refusals.photo:
         return with_doubts(perceived_scene, refusals.reasons)
@@ -307,10 +317,6 @@ def _chosen_push(
     `barred_sides` are the sides to which objects are not pushed. Confidences below `least_confidence`
     are raised to `least_confidence`.
     """
-    from physgen.compile.shapes import shapes_of
-    from physgen.pipeline.push_choice import push_confidence, round_ends
-    from physgen.pipeline.pushes import default_push
-
     objects = perceived_scene.document["objects"]
     confidence = push_confidence(perceived_scene, names, least_confidence)
     # A face or a car moves forwards rather than backwards.
@@ -342,8 +348,6 @@ def _release(
     """Release one held object and return its scene and push; None if no object
     moves.
     """
-    from physgen.pipeline.releases import RELEASE, is_better, releases
-
     best: tuple[PerceivedScene, Push] | None = None
     for name, released_scene in releases(perceived_scene, refusals.objects):
         # The guessed floor may not support the object.
@@ -362,8 +366,6 @@ def _release(
 
 def _unseen_walls(perceived_scene: PerceivedScene) -> list[str]:
     """Return the names of walls outside the picture."""
-    from physgen.perceive.support.supports import SOURCE
-
     walls = perceived_scene.document["boundaries"].items()
     return [k for k, wall in walls if source(wall.get("from", "")).text == SOURCE]
 
@@ -380,12 +382,6 @@ def _with_motion(
     The slow motion is chosen for the duration of the visible motion. `ramp`: that of
     the outcome, s; 0: none was as good; None: it is to be tried.
     """
-    from physgen.pipeline.verdicts import (
-        outcome_doubts,
-        with_doubts,
-        without_parts_at_rest,
-    )
-
     document, comments = perceived_scene.document, dict(perceived_scene.comments)
     objects = dict(document["objects"])
     for name, (velocity, comment) in motions.items():
@@ -425,9 +421,6 @@ def _with_ramp(
     The outcome is that of a ramp of `tried_ramp` s, if given; 0: no ramp was as good.
     A ramp of the document stays.
     """
-    from physgen.compile.shapes import shapes_of
-    from physgen.pipeline.push_trials import compile_trials, simulate_push
-
     if tried_ramp == 0 or "ramp" in perceived_scene.document["world"]:
         return perceived_scene
     ramp = ramp_of(perceived_scene.document.get("render", {}).get("slow", 1))
@@ -461,10 +454,6 @@ def push_by_request(
     perceived_scene: PerceivedScene, pushes: Sequence[str]
 ) -> PerceivedScene:
     """Return the scene with the pushes `NAME=DIRECTION[@SPEED]`. Raises InputError."""
-    from physgen.compile.shapes import shapes_of
-    from physgen.pipeline.push_trials import compile_trials, simulate_push
-    from physgen.pipeline.pushes import Push, direction_words, named_pushes
-
     dynamic_scene = _release_objects(
         perceived_scene, [text.partition("=")[0].strip() for text in pushes]
     )
@@ -493,8 +482,6 @@ def push_anew(
 
     Velocities of the user in `scene` stay. Raises InputError.
     """
-    from physgen.pipeline.pushes import perceived_pushes
-
     objects = dict(perceived_scene.document["objects"])
     for name in perceived_pushes(scene):
         if name in objects:
@@ -640,8 +627,6 @@ def refresh_motion(
     refresh, `old_entries` its entries of objects by name. Returns the refreshed scene,
     and the values of objects that move as before, by name.
     """
-    from physgen.pipeline.pushes import perceived_pushes
-
     moving = _moving_values(scene)
     pushes: list[str] = []
     if not (is_still or scene.forces or scene.joints):
@@ -719,9 +704,6 @@ def _push_moves(perceived_scene: PerceivedScene, pushes: Sequence[str]) -> bool:
 
     It may now meet an obstacle, since masks have changed. Raises InputError.
     """
-    from physgen.compile.shapes import shapes_of
-    from physgen.pipeline.push_trials import compile_trials, simulate_push
-
     keys = ("velocity", "spin", "place", "layer")
     trial_scene = open_trial(perceived_scene, *keys).scene()
     trials = compile_trials(trial_scene, shapes_of(trial_scene, None))

@@ -11,8 +11,31 @@ from math import atan2, degrees, hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from physgen import report
 from physgen.files import check_text_names, check_writable
+from physgen.maps import read_object_masks
 from physgen.messages import Message
+from physgen.perceive import perceive as perception
+from physgen.perceive.import_physgen import import_physgen as run
+from physgen.perceive.import_shot import as_shot
+from physgen.perceive.photo_size import (
+    LONGEST_SIDE,
+    check_size,
+    shrink_detections,
+    shrink_photo,
+)
+from physgen.perceive.roles import BoundaryGuess, Description
+from physgen.perceive.scene_files import write_scene
+from physgen.perceive.segment.prompts import (
+    PromptFrame,
+    Segmenter,
+    check_prompts,
+    from_masks,
+    from_prompts,
+)
+from physgen.perceive.summary import summary
+from physgen.photos import read_photo
+from physgen.pipeline.asset_cache import make_cache
 from physgen.pipeline.first_motion import (
     StoryRequest,
     push_by_request,
@@ -21,19 +44,13 @@ from physgen.pipeline.first_motion import (
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError, Place, Problem, Warn, ignore_warning
 from physgen.progress import Progress, silent
+from physgen.registry import Backends
 from physgen.scene.files import OVERVIEW
 from physgen.scene.saving import named_assets
+from physgen.scene.scene import View
 
 if TYPE_CHECKING:
-    from physgen.perceive.roles import (
-        BoundaryGuess,
-        Description,
-        Detections,
-        Labels,
-        PerceivedScene,
-        Rgb,
-    )
-    from physgen.registry import Backends
+    from physgen.perceive.roles import Detections, Labels, PerceivedScene, Rgb
 
 GENTLE_PUSH = (
     "the direction of sim.yaml; physgen chose the speed, as the paper's code pushes at"
@@ -103,9 +120,6 @@ def perceive(
     fields of PerceiveOptions. `inform` is called with a summary of several lines, of
     which the first contains the photo's suitability.
     """
-    from physgen.perceive.scene_files import write_scene
-    from physgen.registry import Backends
-
     options = PerceiveOptions(**given)
     crew = crew or Backends()
     crew.begin()
@@ -125,8 +139,6 @@ def perceive(
         stdout=stdout,
     )
     if options.makes_cache:
-        from physgen.pipeline.asset_cache import make_cache
-
         make_cache(perceived.percepts, text, output or stdout)
     # The reader of the summary may have closed the pipe: inform at the very end.
     lines = [*description.summary, *overview_lines(text, output or stdout)]
@@ -136,10 +148,6 @@ def perceive(
 
 def describe(perceived_scene: PerceivedScene) -> Description:
     """Return the overview and the summary of a perceived photo."""
-    from physgen.perceive.roles import Description
-    from physgen.perceive.summary import summary
-    from physgen.report.overview import overview_png
-
     velocities: dict[str, Sequence[float]] = {}
     # A problem of the scene is reported when the scene is rendered.
     with suppress(InputError):
@@ -147,7 +155,9 @@ def describe(perceived_scene: PerceivedScene) -> Description:
             velocities[item.name] = item.velocity
     rgb = perceived_scene.percepts.rgb
     labels = perceived_scene.percepts.labels
-    overview = overview_png(rgb, labels, perceived_scene.document, velocities)
+    overview = report.overview.overview_png(
+        rgb, labels, perceived_scene.document, velocities
+    )
     return Description(overview, summary(perceived_scene))
 
 
@@ -182,9 +192,6 @@ def perceive_photo(
     warn: Warn,
 ) -> PerceivedPhoto:
     """Perceive a photo and set its objects in motion. Raises InputError."""
-    from physgen.perceive import perceive as perception
-    from physgen.perceive.photo_size import shrink_detections
-
     photo = _read_photo(image, options, warn)
     rgb = photo.rgb
     detections = _given_detections(photo, options, crew)
@@ -242,10 +249,6 @@ def _read_photo(image: Path, options: PerceiveOptions, warn: Warn) -> _SizedPhot
 
     Raises InputError.
     """
-    from physgen.maps import read_object_masks
-    from physgen.perceive.photo_size import LONGEST_SIDE, check_size, shrink_photo
-    from physgen.photos import read_photo
-
     photo = read_photo(image)
     place = Place(str(image))
     if not photo.readable:
@@ -282,14 +285,6 @@ def _given_detections(
 
     Raises InputError.
     """
-    from physgen.perceive.segment.prompts import (
-        PromptFrame,
-        Segmenter,
-        check_prompts,
-        from_masks,
-        from_prompts,
-    )
-
     if photo.masks is not None:
         return from_masks(photo.masks)
     if not (options.boxes or options.points):
@@ -308,9 +303,6 @@ def _given_detections(
 
 def given_view(options: PerceiveOptions) -> BoundaryGuess | None:
     """Return the view that the caller chose, without boundaries."""
-    from physgen.perceive.roles import BoundaryGuess
-    from physgen.scene.scene import View
-
     if options.view is None:
         return None
     return BoundaryGuess(View(options.view), 1.0, "as given", ())
@@ -366,10 +358,6 @@ def import_physgen(
     It becomes a shot, unless it is to be `faithful` to the frames and discs of that
     code. Writes files as `perceive` does.
     """
-    from physgen.perceive.import_physgen import import_physgen as run
-    from physgen.perceive.import_shot import as_shot
-    from physgen.perceive.scene_files import write_scene
-
     check_text_names(folder, output)
     check_writable((output or stdout or Path()).parent)
     scene = run(folder, progress=progress)

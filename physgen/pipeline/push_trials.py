@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen import simulate
+from physgen.compile.compile import compile_shapes, set_velocity
 from physgen.geometry.scale import PLAYBACK
 from physgen.pipeline.push_motion import (
     PictureBorder,
@@ -70,8 +72,6 @@ def compile_trials(
     round_ends: Collection[tuple[str, str]] = (),
 ) -> TrialScene:
     """Compile the common world of all trials of a scene. Raises InputError."""
-    from physgen.compile.compile import compile_shapes
-
     world = compile_shapes(scene, shapes).world
     ends = frozenset(round_ends)
     return TrialScene(scene, world, frozenset(unseen), barred_sides, ramp, ends)
@@ -645,8 +645,6 @@ def _pushed_world(
     spins: Mapping[str, float],
 ) -> World:
     """Return a world with the motion of some objects, and their ramp if given."""
-    from physgen.compile.compile import set_velocity
-
     bodies = list(world.bodies)
     for index, item in enumerate(trials.scene.objects):
         if item.name in velocities:
@@ -665,12 +663,10 @@ def _run(
 
     Returns the motion, the mask (N,) of bodies that leave, and the work.
     """
-    from physgen.simulate.engine import Running
-
     duration = min(TRIAL.units * trials.unit, TRIAL.longest)
     step = trials.unit / TRIAL.samples
     count = max(int(duration / step), 2)
-    running = Running(world, np.linspace(0.0, duration, count + 1))
+    running = simulate.engine.Running(world, np.linspace(0.0, duration, count + 1))
     limit = TRIAL.trial_work * max(world.steps_per_second / TRIAL.rate, 1.0)
     if any(body.spin for body in world.bodies):
         limit *= TRIAL.rocking_work

@@ -12,8 +12,11 @@ from math import cos, hypot, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
+from physgen.geometry.convex import outline_shape
+from physgen.geometry.polygon import bounds
 from physgen.geometry.scale import push_speed
 from physgen.messages import Message, one_of
 from physgen.pipeline.push_outcomes import NO_MOTION, Outcome
@@ -398,8 +401,6 @@ def _lift(scene: Scene, compiled_scene: CompiledScene, item: Object) -> list[flo
     """Return `place` of an object, lifted by its own height, or up to the object above
     it.
     """
-    from physgen.geometry.polygon import bounds
-
     boxes = list(map(bounds, compiled_scene.outlines))
     k = scene.objects.index(item)
     left, top, right, bottom = boxes[k]
@@ -478,10 +479,6 @@ def _find_kicked_object(
 
     The label map decides inside a mask; beside all masks, the nearest outline counts.
     """
-    import shapely
-
-    from physgen.geometry.convex import outline_shape
-
     x, y = point.tolist()
     width, height = scene.size
     # A point beside the picture belongs to the nearest pixel.

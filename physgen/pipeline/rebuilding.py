@@ -15,13 +15,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.files import partial
+from physgen.maps import read_labels, write_png
 from physgen.messages import Message
+from physgen.perceive.scene_files import write_scene
+from physgen.photos import read_channels
 from physgen.problems import InputError, Place
 from physgen.scene.files import MAPS, OUTLINES, RECORD, read_record
+from physgen.scene.load import OpenedScene
 from physgen.scene.provenance import stated_scale
 from physgen.scene.scaling import scale_part, scale_scene
 from physgen.scene.yaml_edit import mark_values, write
@@ -29,7 +34,6 @@ from physgen.scene.yaml_edit import mark_values, write
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
     from physgen.scene.checked_tree import Ground
-    from physgen.scene.load import OpenedScene
 
 Labels = NDArray[np.uint16]
 """Ids of objects, (H, W), 0 for the background."""
@@ -73,8 +77,6 @@ def with_fitting_assets(
     Fitting assets are used as they are; a temporary folder is removed at the end of the
     block. Raises InputError if objects are not found again.
     """
-    from physgen.scene.load import OpenedScene
-
     text = path.read_bytes().decode("utf-8-sig")
     ground = opened_scene.ground
     is_resized = ground.perceived_size is not None
@@ -151,11 +153,6 @@ def _write_resized(text: str, ground: Ground, folder: Path) -> str:
 
 def _write_resized_map(source: Path, target: Path, size: tuple[int, int]) -> None:
     """Write a map at another size, (width, height) px."""
-    import cv2
-
-    from physgen.maps import write_png
-    from physgen.photos import read_channels
-
     picture = read_channels(source)
     # Averages over areas avoid aliasing in a smaller map.
     is_smaller = size[0] < picture.shape[1]
@@ -210,9 +207,6 @@ def _write_missing(
 
     Raises InputError with all objects that are not found again.
     """
-    from physgen.maps import read_labels, write_png
-    from physgen.perceive.scene_files import write_scene
-
     assert ground.image is not None
     data = mark_values(text).data()
     photo_scene, ids = _perceive_prompted(data, ground, perceive_objects)

@@ -12,18 +12,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from physgen.export.video import U8
+from physgen import refine, registry, report
+from physgen.export.video_formats import U8
 from physgen.pipeline.film import Film
 from physgen.problems import InputError, Problem
 from physgen.progress import Progress
 from physgen.registry import Choice, Plan
+from physgen.render.mattes import matte_coverage
+from physgen.render.stage import Frame
 
 if TYPE_CHECKING:
     from physgen.maps import F32, U16
     from physgen.pipeline.writing import VideoFiles
     from physgen.refine.denoiser import Denoiser
     from physgen.refine.fusion import RefineSettings
-    from physgen.render.stage import Frame
     from physgen.report.perception import Comparison
     from physgen.report.record import RunRecord
     from physgen.scene.scene import Scene
@@ -82,8 +84,6 @@ class Refiners:
         """Return the model of a backend. Raises InputError without its libraries or
         weights.
         """
-        from physgen import registry
-
         if name not in self._models:
             plan = self._plan()
             planned_choice = plan.choices.get("refine")
@@ -116,30 +116,27 @@ def refine_settings(scene: Scene) -> RefineSettings:
     """Return the settings of `refine:` in a scene; the default prompt lists its
     labels.
     """
-    from physgen.refine.denoiser import PromptSettings
-    from physgen.refine.fusion import RefineSettings, hold_frames, prompt_of
-
     section = scene.refine
     if section.prompt is None:
-        prompt = prompt_of(item.label for item in scene.objects)
+        prompt = refine.fusion.prompt_of(item.label for item in scene.objects)
     else:
         prompt = section.prompt
-    return RefineSettings(
+    return refine.fusion.RefineSettings(
         strength=section.strength,
         stop=section.stop,
         steps=section.steps,
         seed=section.seed,
-        prompt=PromptSettings(prompt, section.negative, section.guidance),
+        prompt=refine.denoiser.PromptSettings(
+            prompt, section.negative, section.guidance
+        ),
         lock=section.lock,
         detail=section.detail,
-        hold=hold_frames(scene.render.fps),
+        hold=refine.fusion.hold_frames(scene.render.fps),
     )
 
 
 def guidance_footage(film: Film, record: RunRecord, progress: Progress) -> Footage:
     """Render the clip without refinement, one frame per sample."""
-    from physgen.render.mattes import matte_coverage
-
     progress("simulate", 0, 1)
     footage = Footage(film.simulate_motion(progress))
     count = len(footage.trajectory.times)
@@ -161,8 +158,6 @@ def refine_footage(
     film: Film, footage: Footage, refiners: Refiners, files: VideoFiles
 ) -> Outcome:
     """Write the clip unrefined and, in all formats, refined."""
-    from physgen.refine.fusion import Refinement, backend_errors
-
     scene = film.scene
     trajectory = footage.trajectory
     record = files.record
@@ -181,9 +176,9 @@ def refine_footage(
     record.unrefined_frames = _write_unrefined(files, unrefined_clip, len(sample_order))
     name = scene.refine.backend
     try:
-        with record.stage("load model"), backend_errors("--refine", name):
+        with record.stage("load model"), refine.fusion.backend_errors("--refine", name):
             model = refiners.model(name)
-        refinement = Refinement(
+        refinement = refine.fusion.Refinement(
             model, refine_settings(scene), scene.video_size, count, files.progress
         )
         largest_change = LargestChange()
@@ -213,13 +208,13 @@ def refine_footage(
 
 def _compare(footage: Footage, largest_change: LargestChange) -> Comparison:
     """Return the comparison of the most changed frame, before and after."""
-    from physgen.report.perception import compare_frames
-
     time = float(footage.trajectory.times[largest_change.index])
     before = ("as it was drawn", footage.rgb[largest_change.index])
     after = ("refined", largest_change.refined)
     caption = f"The frame that changed most, at {time:.2f} s."
-    return compare_frames("refined", "Refined", caption, before, after)
+    return report.perception.compare_frames(
+        "refined", "Refined", caption, before, after
+    )
 
 
 def _remove_refined(files: VideoFiles) -> None:
@@ -252,10 +247,8 @@ def _record_frame_changes(
     name: str, frames: Iterator[U8], footage: Footage, largest_change: LargestChange
 ) -> Iterator[U8]:
     """Yield the same frames, and add each to `largest_change`."""
-    from physgen.refine.fusion import backend_errors
-
     for before in footage.rgb:
-        with backend_errors("--refine", name):
+        with refine.fusion.backend_errors("--refine", name):
             rgb = next(frames)
         largest_change.add(before, rgb)
         yield rgb
@@ -268,8 +261,6 @@ def _frames(
     faces: Mapping[int, float],
 ) -> Iterator[Frame]:
     """Yield pictures in playing order as frames of the clip."""
-    from physgen.render.stage import Frame
-
     for index, (sample, rgb) in enumerate(zip(order, pictures, strict=True)):
         load_ids = partial(footage.ids.__getitem__, sample)
         yield Frame(

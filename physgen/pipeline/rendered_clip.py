@@ -12,6 +12,7 @@ from typing import Any
 from physgen.maps import U8
 from physgen.pipeline.clip import RenderOptions, render_scene
 from physgen.simulate.trajectory import Trajectory, read_trajectory
+from physgen.videos import video_frames
 
 VIDEO_NAMES = ("video.mp4", "video.webp", "video.gif")
 """File names of videos, in order of preference."""
@@ -42,8 +43,6 @@ class Clip:
     @cached_property
     def frames(self) -> list[U8]:
         """Decode the frames of the video file, (H, W, 3) sRGB each."""
-        from physgen.videos import video_frames
-
         return [frame.rgb for frame in video_frames(self.video)]
 
     @cached_property

@@ -6,16 +6,16 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import physgen.sound
+from physgen import report
 from physgen.pipeline.labelling import labelled_clip
-from physgen.report.listening import CAPTIONS, WAV
-from physgen.report.listening import sound_section as sound_section
 from physgen.scene.scene import Play
-from physgen.sound.track import SoundTrack, sound_track
 
 if TYPE_CHECKING:
     from physgen.pipeline.film import Film
     from physgen.report.record import RunRecord
     from physgen.simulate.trajectory import Trajectory
+    from physgen.sound.track import SoundTrack
 
 
 def write_sound(
@@ -30,11 +30,11 @@ def write_sound(
         return None
     with record.stage("sound", time.thread_time):
         clip = labelled_clip(film, trajectory, record, None)
-        sound = sound_track(clip, render.sound)
+        sound = physgen.sound.track.sound_track(clip, render.sound)
         if sound is None:
             return None
         # The photo is shown for some frames before the motion.
         sound = sound.add_silence(film.hold / render.fps)
-        (folder / WAV).write_bytes(sound.wav())
-        (folder / CAPTIONS).write_text(sound.vtt(), "utf-8")
+        (folder / report.listening.WAV).write_bytes(sound.wav())
+        (folder / report.listening.CAPTIONS).write_text(sound.vtt(), "utf-8")
     return sound

@@ -18,9 +18,36 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+import physgen.render
+import physgen.simulate
+from physgen import registry
+from physgen.compile.compile import (
+    check_steps,
+    compile_scene,
+    compile_shapes,
+    frame_times,
+)
+from physgen.compile.photo_warnings import maps_cover_masks
+from physgen.compile.shapes import shapes_of
+from physgen.compile.warnings import lint as lint_scene
+from physgen.compile.world import (
+    appearance,
+    photo_poses,
+    world_as_drawn,
+    world_in_photo,
+)
 from physgen.files import MOST_PIXELS, Stamp, file_stamp
+from physgen.geometry.scale import PLAYBACK
+from physgen.maps import read_percepts
+from physgen.perceive.inpaint.poisson import dilate, fill_behind
+from physgen.pipeline.asset_cache import AssetCache
+from physgen.pipeline.cache_keys import key, motion_key
 from physgen.problems import InputError, Limit, Place, Problem
 from physgen.progress import Progress, silent
+from physgen.report.record import file_hash
+from physgen.scene.load import OpenedScene
+from physgen.scene.load import load as load_scene
+from physgen.scene.scene import SPRINGS, Solid
 from physgen.text import quoted
 
 if TYPE_CHECKING:
@@ -29,10 +56,8 @@ if TYPE_CHECKING:
     from physgen.compile.world import World
     from physgen.geometry.polygon import Outline
     from physgen.maps import F32, U16, Percepts
-    from physgen.pipeline.asset_cache import AssetCache
     from physgen.render.camera import Shot
     from physgen.render.stage import Frame, Stage
-    from physgen.scene.load import OpenedScene
     from physgen.scene.scene import Scene
     from physgen.simulate.engine import Running
     from physgen.simulate.trajectory import Trajectory
@@ -56,8 +81,6 @@ def load(
     """Load a scene file with overlays and defaults. Raises InputError with every
     problem.
     """
-    from physgen.scene.load import load as load_scene
-
     return load_scene(path, overrides, variant, allow_outside)
 
 
@@ -66,8 +89,6 @@ def percepts(scene: Scene) -> Percepts | None:
 
     Raises InputError at the place of the scene that names the file.
     """
-    from physgen.maps import read_percepts
-
     try:
         return read_percepts(scene.image, scene.assets, scene.maps)
     except InputError as error:
@@ -102,8 +123,6 @@ def _named_in_scene(problem: Problem, scene: Scene) -> Problem:
 
 def compile(scene: Scene, maps: Percepts | None) -> CompiledScene:
     """Compile a scene: outlines, centres, masses, moments and contact pairs."""
-    from physgen.compile.compile import compile_scene
-
     compiled_scene = compile_scene(scene, None if maps is None else maps.labels)
     _check_springs(scene, compiled_scene.world)
     return ended(scene, compiled_scene)[0]
@@ -111,14 +130,11 @@ def compile(scene: Scene, maps: Percepts | None) -> CompiledScene:
 
 def _check_springs(scene: Scene, world: World) -> None:
     """Refuse springs too stiff for the engine. Raises InputError."""
-    from physgen.scene.scene import SPRINGS
-
     if not any(joint.kind in SPRINGS for joint in world.joints):
         return  # without springs, `check` need not import the engine
-    from physgen.simulate.engine import spring_parts
 
     with scene.located():
-        spring_parts(world)
+        physgen.simulate.engine.spring_parts(world)
 
 
 PAUSE_SAMPLES = 21
@@ -144,9 +160,6 @@ def ended(
     """
     if not scene.world.until_rest:
         return compiled_scene, None
-    from physgen.compile.compile import frame_times
-    from physgen.geometry.scale import PLAYBACK
-    from physgen.simulate.engine import Running
 
     if scene.render.frames is not None:
         slow_motion = 1.0
@@ -158,7 +171,9 @@ def ended(
     latest_start = _latest_start(scene)
     sample_times = np.arange(0.0, maximum, pause / PAUSE_SAMPLES)
     with scene.located():
-        running = Running(replace(world, duration=maximum), sample_times)
+        running = physgen.simulate.engine.Running(
+            replace(world, duration=maximum), sample_times
+        )
     limits = []
     for part in PARTS:
         if part / slow_motion < maximum:
@@ -189,8 +204,6 @@ def _latest_start(scene: Scene) -> float:
 
 def _last_visible_motion(world: World, running: Running, limit: float) -> float:
     """Return the time, s, of the last motion before `limit` that the video shows."""
-    from physgen.scene.scene import Solid
-
     times = running.times[running.times < limit]
     poses = running.trajectory().poses[: len(times)]
     reach = np.array([body.reach for body in world.bodies] or [0.0])
@@ -226,8 +239,6 @@ def lint(
     """Return warnings about permitted but unlikely values of a scene and of its
     maps.
     """
-    from physgen.compile.warnings import lint as lint_scene
-
     return lint_scene(scene, compiled_scene, maps)
 
 
@@ -238,16 +249,14 @@ def simulate(
 
     Raises InputError for too many samples.
     """
-    from physgen.simulate.engine import simulate as run
-
     if rate is None:
-        return run(world, progress=progress)
+        return physgen.simulate.engine.simulate(world, progress=progress)
     count = int(world.duration * rate + 1e-9) + 1
     if count * max(len(world.bodies), 1) > Limit.POSES.most:
         raise Limit.POSES.error(
             Place("--rate"), found=f"{count:,} samples of {len(world.bodies)} objects"
         )
-    return run(world, np.arange(count) / rate, progress)
+    return physgen.simulate.engine.simulate(world, np.arange(count) / rate, progress)
 
 
 def fan(
@@ -263,10 +272,10 @@ def fan(
 
     The values of `variant`, which was applied to the scene, are certain.
     """
-    from physgen.simulate.uncertainty import simulate_ensemble as draw
-
     with scene.located():
-        return draw(scene, compiled_scene, count, seed, variant, progress)
+        return physgen.simulate.uncertainty.simulate_ensemble(
+            scene, compiled_scene, count, seed, variant, progress
+        )
 
 
 def _layer_order(scene: Scene) -> dict[int, int]:
@@ -282,11 +291,6 @@ def stage(scene: Scene, compiled_scene: CompiledScene, maps: Percepts | None) ->
     A scene without a photo gets flat shapes on a plain background, at the largest scale
     of its camera. The result does not depend on the motion.
     """
-    from physgen.compile.world import photo_poses, world_as_drawn, world_in_photo
-    from physgen.render.frames import single_threaded
-    from physgen.render.sprites import cut_sprites
-    from physgen.render.staging import lit_stage
-
     world = world_in_photo(compiled_scene.world)
     if maps is None:
         return _flat_stage(scene, world, compiled_scene.outlines)
@@ -301,10 +305,10 @@ def stage(scene: Scene, compiled_scene: CompiledScene, maps: Percepts | None) ->
     is_absent = (maps.cut_out > 0) & (labels == 0) & ~scenery
     is_absent &= ~np.isin(maps.labels, doubtful)
     # Threads of OpenCV cost a third more CPU time, and the encoder uses the other core.
-    with single_threaded():
+    with physgen.render.frames.single_threaded():
         shapes = compiled_scene.shapes.drawn
         world = world_as_drawn(world, shapes)
-        sprites = cut_sprites(
+        sprites = physgen.render.sprites.cut_sprites(
             maps.rgb,
             labels,
             is_absent,
@@ -314,7 +318,7 @@ def stage(scene: Scene, compiled_scene: CompiledScene, maps: Percepts | None) ->
             shapes,
             FRONTAL_LIGHT if scene.light is None else scene.light.direction,
         )
-        photo_stage = lit_stage(
+        photo_stage = physgen.render.staging.lit_stage(
             scene, world, sprites, maps, background, coverage, is_absent, labels
         )
     start_poses = photo_poses(compiled_scene.world)
@@ -325,12 +329,9 @@ def stage(scene: Scene, compiled_scene: CompiledScene, maps: Percepts | None) ->
 
 def _flat_stage(scene: Scene, world: World, outlines: Sequence[Outline]) -> Stage:
     """Draw flat shapes on a plain background, at the largest scale of the camera."""
-    from physgen.render.camera import canvas_scale
-    from physgen.render.flat_drawing import flat_stage
-
     order = list(_layer_order(scene))
-    scale = canvas_scale(scene)
-    drawing = flat_stage(world, outlines, order, scale)
+    scale = physgen.render.camera.canvas_scale(scene)
+    drawing = physgen.render.flat_drawing.flat_stage(world, outlines, order, scale)
     return replace(drawing, supersample=scene.render.supersample)
 
 
@@ -345,8 +346,6 @@ def _put_back(
 
     Returns maps, coverage and background; `doubtful` are ids in masks.png.
     """
-    from physgen.perceive.inpaint.poisson import dilate
-
     if not doubtful:
         return maps, coverage, background
     flat_labels = maps.labels.ravel()
@@ -376,13 +375,9 @@ def filled(
 
     `scenery` are the pixels of boundaries, which stored maps may contain as objects.
     """
-    from physgen.compile.photo_warnings import maps_cover_masks
-
     has_same_masks = maps_cover_masks(maps, labels, scenery)
     if has_same_masks and maps.coverage is not None and maps.background is not None:
         return maps.coverage, maps.background
-    from physgen import registry
-    from physgen.perceive.inpaint.poisson import fill_behind
 
     # Objects of the photo that the scene leaves out are also removed from the
     # background.
@@ -398,9 +393,7 @@ def shot(scene: Scene, trajectory: Trajectory) -> Shot:
 
     `trajectory` has one sample per frame.
     """
-    from physgen.render.camera import shot_of as take
-
-    return take(scene, trajectory)
+    return physgen.render.camera.shot_of(scene, trajectory)
 
 
 def render(
@@ -412,28 +405,30 @@ def render(
     camera moves, an exposure is the mean of four views, if `parts` is divisible by
     four, else of one view per sample.
     """
-    from physgen.render.camera import FEWEST, film_frames, mean_exposures, ways_seen
-    from physgen.render.frames import render_frames
-
     if shot is None:
-        return render_frames(stage, trajectory, parts=parts)
+        return physgen.render.frames.render_frames(stage, trajectory, parts=parts)
     samples = shot.samples(parts)
     # The camera also moves while the shutter is open: an object that it follows stays
     # sharp, and the background is blurred.
     if parts > 1 and shot.moves:
-        if parts % FEWEST:
+        if parts % physgen.render.camera.FEWEST:
             samples_per_view = 1
         else:
-            samples_per_view = parts // FEWEST
-        poses_in_view = ways_seen(trajectory, shot, samples_per_view)
-        frames = render_frames(
+            samples_per_view = parts // physgen.render.camera.FEWEST
+        poses_in_view = physgen.render.camera.ways_seen(
+            trajectory, shot, samples_per_view
+        )
+        frames = physgen.render.frames.render_frames(
             stage, trajectory, samples, samples_per_view, poses_in_view
         )
-        return mean_exposures(
-            film_frames(frames, shot, stage.scale), parts // samples_per_view
+        return physgen.render.camera.mean_exposures(
+            physgen.render.camera.film_frames(frames, shot, stage.scale),
+            parts // samples_per_view,
         )
-    return film_frames(
-        render_frames(stage, trajectory, samples, parts), shot, stage.scale
+    return physgen.render.camera.film_frames(
+        physgen.render.frames.render_frames(stage, trajectory, samples, parts),
+        shot,
+        stage.scale,
     )
 
 
@@ -534,8 +529,6 @@ class Stages:
         allow_outside: bool,
     ) -> Scene:
         """Load a scene like `load`, from a parsed and unchanged file."""
-        from physgen.scene.load import OpenedScene
-
         name = str(path)
         cache_key = (os.getcwd(), name, allow_outside)
         scene_file = self._opened.of(
@@ -550,8 +543,6 @@ class Stages:
 
     def maps(self, scene: Scene) -> Maps:
         """Read the maps of a scene like `percepts`, with the key of their files."""
-        from physgen.pipeline.cache_keys import key
-
         if scene.image is None:
             files = []
         else:
@@ -588,7 +579,6 @@ class Stages:
         """Return the cache in a scene's assets folder, if it exists and may be read."""
         if not self._reads_cache:
             return None
-        from physgen.pipeline.asset_cache import AssetCache
 
         cache = AssetCache(scene.assets)
         if cache.exists:
@@ -599,10 +589,6 @@ class Stages:
         """Compile a scene like `compile`, with known outlines if its masks have not
         changed.
         """
-        from physgen.compile.compile import check_steps, compile_shapes
-        from physgen.compile.shapes import shapes_of
-        from physgen.pipeline.cache_keys import key, motion_key
-
         check_steps(scene)
         labels = None
         if maps.percepts is not None:
@@ -620,9 +606,6 @@ class Stages:
 
     def stage(self, scene: Scene, compiled_scene: CompiledScene, maps: Maps) -> Stage:
         """Prepare the stage of a scene like `stage`, or return a known one."""
-        from physgen.compile.world import appearance, photo_poses
-        from physgen.pipeline.cache_keys import key
-
         if maps.percepts is None:
             drawn_outlines = compiled_scene.outlines
         else:
@@ -676,8 +659,6 @@ class Stages:
 
     def simulate(self, world: World, progress: Progress = silent) -> Trajectory:
         """Simulate like `simulate` at frame times, or return a known motion."""
-        from physgen.pipeline.cache_keys import motion_key
-
         return self._motions.of(
             motion_key(world), lambda: simulate(world, progress=progress)
         )
@@ -686,8 +667,6 @@ class Stages:
         """Return the SHA-256 of a file, computed again only after a change. Raises
         OSError.
         """
-        from physgen.report.record import file_hash
-
         stamp = file_stamp(file)
         entry = self._hashes.get(file)
         if entry is None or entry[0] != stamp:

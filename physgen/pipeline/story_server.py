@@ -16,6 +16,7 @@ from physgen.compile.world import World
 from physgen.files import install
 from physgen.maps import U8, Percepts, png_bytes
 from physgen.messages import Message, Note
+from physgen.perceive.backends import vlm
 from physgen.pipeline import stages
 from physgen.pipeline.story import (
     LIMITS,
@@ -151,8 +152,6 @@ def _configured_server(plan: Plan, warn: Warn) -> StoryServer | None:
 
 def _vlm() -> Any:
     """Return the backend's module, whose library takes a second to load."""
-    from physgen.perceive.backends import vlm
-
     return vlm
 
 

@@ -7,20 +7,18 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from physgen.export.video import (
-    I16,
-    U8,
-    Format,
-    FormatWriter,
-    Mp4Options,
-    encode_in_thread,
-)
+from physgen import export
+from physgen.export.video_formats import I16, U8, Format
 from physgen.problems import InputError, Problem
 from physgen.progress import Progress
 from physgen.render.stage import Frame
 from physgen.report.record import RunRecord, StageTime, frame_hash
 from physgen.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from physgen.export.video import FormatWriter
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,7 @@ class VideoFiles:
                 _check_any_usable(writers)
                 encoding.cpu += time.thread_time() - start_time
 
-            with encode_in_thread([encode]) as write:
+            with export.video.encode_in_thread([encode]) as write:
                 for index in range(count):
                     with record.stage(stage, clock):
                         frame = next(frames)
@@ -95,11 +93,13 @@ class VideoFiles:
     def _open_writers(self, files: ExitStack, name: str) -> list[FormatWriter]:
         """Open a file of each format; `files` closes them."""
         render = self.scene.render
-        mp4 = Mp4Options(render.chroma, self.sound)
+        mp4 = export.video.Mp4Options(render.chroma, self.sound)
         size = self.scene.video_size
         writers = []
         for kind in self.formats:
-            writer = FormatWriter(self.folder, kind, size, render.fps, name, mp4)
+            writer = export.video.FormatWriter(
+                self.folder, kind, size, render.fps, name, mp4
+            )
             writers.append(files.enter_context(writer))
         return writers
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import cv2
 import imageio.v3 as iio
+import jinja2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import WebPImagePlugin  # noqa: F401 - else `save` loads all plugins
@@ -38,8 +39,6 @@ def _environment(folder: Path) -> Any:
     """Return the environment of a folder's templates. Each template is
     compiled once.
     """
-    import jinja2
-
     loader = jinja2.FileSystemLoader(folder)
     environment = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined

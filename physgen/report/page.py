@@ -19,7 +19,7 @@ import numpy as np
 
 from physgen import __version__
 from physgen.compile.world import World, pair_table
-from physgen.export.video import U8
+from physgen.export.video_formats import U8
 from physgen.files import resource
 from physgen.report.assumptions import assumptions, is_scaled
 from physgen.report.films import Film

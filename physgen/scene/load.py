@@ -13,6 +13,7 @@ from physgen.files import file_stamp
 from physgen.messages import Message, one_of
 from physgen.problems import InputError, Limit, Place, Problem
 from physgen.scene import scene as parts
+from physgen.scene.causes import name_edits, name_extending_keys
 from physgen.scene.checked_tree import Ground
 from physgen.scene.construction import _shape, scene_from_tree
 from physgen.scene.document import (
@@ -133,7 +134,6 @@ class OpenedScene:
 
     def _at_causes(self, report: Findings, edits: Sequence[Edit]) -> list[Problem]:
         """Return the problems, each at the key of the overlay that caused it."""
-        from physgen.scene.causes import name_edits, name_extending_keys
 
         def check(root: Node) -> dict[Problem, None]:
             return _problems(root, self._files)
@@ -273,8 +273,6 @@ def _problems_of_variant(
     root: Node, edits: Sequence[Edit], own_findings: Findings, files: Files
 ) -> list[Problem]:
     """Return the problems of one variant, without those of the file itself."""
-    from physgen.scene.causes import name_edits
-
     try:
         problems = _problems(_apply_edits(root, edits), files)
     except InputError as error:
@@ -310,6 +308,7 @@ def _apply_consequences(root: Node, file: Node, ground: Ground) -> tuple[Node, R
     record, tree = ground.record, in_numbers(root)
     if not record.objects or ground.size is None:
         return tree, record
+    # Only scenes with a photo need OpenCV.
     from physgen.scene.provenance import apply_consequences
 
     data = to_plain_data(tree)

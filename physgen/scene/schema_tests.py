@@ -41,11 +41,15 @@ def schema_validator(schema_path: str, shallow: bool) -> Validator:
     """Return jsonschema's validator of a part of the schema, quick for lists of numbers
     and points.
     """
-    from jsonschema import Draft202012Validator
-    from jsonschema.validators import extend
+    # An import takes a fifth of the time of `check`, and most files do not need it.
+    import jsonschema
 
-    validator_class: Any = extend(
-        Draft202012Validator, {"items": _items, "pattern": _pattern}
+    checks = {
+        "items": _items,
+        "pattern": _pattern_check(jsonschema.ValidationError),
+    }
+    validator_class: Any = jsonschema.validators.extend(
+        jsonschema.Draft202012Validator, checks
     )  # type: ignore[no-untyped-call]
     validator: Validator = validator_class(_part(schema_path, shallow))
     return validator
@@ -65,16 +69,18 @@ def _items(
                 yield from validator.descend(item, part, path=index)
 
 
-def _pattern(
-    validator: Any, pattern: str, instance: Any, schema: Schema
-) -> Iterator[ValidationError]:
-    """Yield the errors of the keyword `pattern`. In JSON Schema, $ is the very end, not
-    before a last line break.
+def _pattern_check(error_class: type[ValidationError]) -> Any:
+    """Return jsonschema's check of the keyword `pattern`. In JSON Schema, $ is the very
+    end, not before a last line break.
     """
-    from jsonschema import ValidationError
 
-    if isinstance(instance, str) and not _compile_pattern(pattern).search(instance):
-        yield ValidationError(f"{instance!r} does not match {pattern!r}")
+    def check(
+        validator: Any, pattern: str, instance: Any, schema: Schema
+    ) -> Iterator[ValidationError]:
+        if isinstance(instance, str) and not _compile_pattern(pattern).search(instance):
+            yield error_class(f"{instance!r} does not match {pattern!r}")
+
+    return check
 
 
 @cache

@@ -6,6 +6,9 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from itertools import pairwise
 
+import numpy as np
+import shapely
+
 from physgen.messages import Message
 from physgen.problems import Limit, RefusedError
 from physgen.scene.checked_tree import (
@@ -330,9 +333,6 @@ def _crossing(points: tuple[Corner, ...]) -> tuple[int, int] | None:
     """Return the first pair of properly crossing lines, by their first corners; (-1,
     -1) beyond Limit.CROSSINGS.
     """
-    import numpy as np
-    import shapely
-
     corners = np.asarray(points, dtype=float)
     lines = shapely.linestrings(
         np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)

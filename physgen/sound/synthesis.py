@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.arrays import F64, Indices
-from physgen.export.video import SOUND_RATE
+from physgen.export.video_formats import SOUND_RATE
 from physgen.sound.impact import pulse_spectrum
 from physgen.sound.resonators import AIR_DENSITY, AIR_SPEED, LIMITS, Resonator
 

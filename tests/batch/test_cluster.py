@@ -19,6 +19,7 @@ import pytest
 from dask_processes import Cluster, wait_until
 from distributed import Client
 
+from physgen import batch
 from physgen.batch import cluster
 from physgen.batch.cluster import BatchSize, run_batch, run_on_cluster
 from physgen.batch.run import Job, JobResult, report_failure, run
@@ -26,6 +27,7 @@ from physgen.cli.main import main
 from physgen.files import install
 from physgen.pipeline import Page, RenderOptions
 from physgen.problems import InputError
+from physgen.report.folders import remove_leftovers
 
 
 @pytest.fixture(scope="module")
@@ -214,6 +216,9 @@ def test_a_killed_worker_loses_no_clip(
             done.append(result)
             if len(done) == 3:
                 two.workers[0].send_signal(signal.SIGKILL)
+    two.workers[0].wait()
+    # What the killed worker had begun stays until the next command on this folder.
+    remove_leftovers(out)
     assert [result.folder for result in done] == [out / f"clip-{k}" for k in range(30)]
     for job in jobs_of(lesson, tmp_path / "alone", 30):
         assert run(job).folder is not None
@@ -358,6 +363,7 @@ def test_an_unusable_cluster_is_one_message(lesson: Path, capsys, monkeypatch) -
     assert refused.startswith('--ship: "/proc/nowhere" cannot be written (')
     monkeypatch.setitem(sys.modules, "distributed", None)
     monkeypatch.delitem(sys.modules, cluster.__name__)
+    monkeypatch.delattr(batch, "cluster")
     refused = message("--cluster", "a.json")
     needs = '--cluster: "a.json" needs Dask, which is not installed; '
     assert refused == needs + install("cluster")

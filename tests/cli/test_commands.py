@@ -504,14 +504,22 @@ def test_a_command_imports_only_what_it_uses() -> None:
     def command(*arguments: str) -> str:
         return f"from physgen.cli.main import main\nmain({list(arguments)!r})"
 
-    heavy = {"numpy", "cv2", "yaml", "jsonschema", "pymunk", "av", "jinja2", "PIL"}
+    motion = {"pymunk", "av", "jinja2", "jsonschema", "scipy", "torch"}
+    heavy = motion | {"numpy", "cv2", "yaml", "PIL", "imageio", "shapely", "csv"}
     scenes = Path(__file__).parents[2] / "scenes"
+    assert not modules("import physgen") & (heavy | {"lazy_loader"})
+    assert not modules("import physgen.pipeline") & heavy
+    assert not modules("from physgen.cli.main import build_parser\nbuild_parser()") & (
+        heavy
+    )
     assert not modules(command("backends")) & heavy
-    assert not modules(command("check", str(scenes / "billiards/scene.yaml"))) & {
-        "pymunk",
-        "av",
-        "jinja2",
-    }
+    assert not modules(command("schema")) & heavy
+    assert not modules(command("clean", str(scenes / "billiards"))) & (
+        heavy - {"numpy", "yaml"}
+    )
+    assert not modules(command("check", str(scenes / "billiards/scene.yaml"))) & motion
+    batch = modules("from physgen.batch import run, workers")
+    assert not batch & motion, "the process that distributes clips"
     load = f"from physgen.scene.load import load\nload({str(scenes / 'physics/05-slide.yaml')!r})"
     assert not modules(load) & {"PIL", "jsonschema", "cv2"}, "without a photo"
 

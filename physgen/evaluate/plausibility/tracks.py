@@ -16,6 +16,8 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen import pipeline
+from physgen.batch.clips import clip_folders, read_manifest
 from physgen.messages import Message
 from physgen.problems import InputError, Place
 from physgen.scene.scene import Motion, Solid, View
@@ -139,8 +141,6 @@ def read(
     """Yield the tracks of every clip in a path. `fps` and `view` belong to tables.
     Raise InputError.
     """
-    from physgen.batch.clips import clip_folders
-
     ending = path.suffix.lower()
     if path.is_dir():
         scene = path / "scene.yaml"
@@ -163,8 +163,6 @@ def read(
 
 def from_scene(path: Path, variant: str | None = None) -> Tracks:
     """Return the tracks of a scene file from a simulation at its video's frames."""
-    from physgen import pipeline
-
     scene = pipeline.load(path, (), variant)
     world = pipeline.compile(scene, pipeline.percepts(scene)).world
     trajectory = pipeline.simulate(world)
@@ -183,8 +181,6 @@ def from_clip(folder: Path) -> Tracks:
 
     Raise InputError for an unreadable motion.
     """
-    from physgen.batch.clips import read_manifest
-
     manifest = read_manifest(folder)
     times, names, poses = _read_motion(folder / "trajectory.npz")
     name = folder.resolve().name
@@ -219,8 +215,6 @@ def _read_motion(path: Path) -> tuple[Array, tuple[str, ...], Array]:
 
 def _world_of_clip(folder: Path, manifest: Manifest) -> World | None:
     """Return the world of a clip's scene, or None for a missing or faulty scene."""
-    from physgen import pipeline
-
     source = Path(folder.resolve(), manifest.source or "")
     if not source.is_file():
         return None

@@ -17,6 +17,10 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 from torch.nn.functional import interpolate, pad
+from transformers import AutoTokenizer, GroundingDinoForObjectDetection, SamModel
+from transformers.models.grounding_dino.image_processing_pil_grounding_dino import (
+    GroundingDinoImageProcessorPil,
+)
 
 from physgen.perceive.backends.categories_everyday import everyday
 from physgen.perceive.backends.models import (
@@ -187,8 +191,6 @@ class Sam:
         self._photo = self._inner = (0, 0)
 
     def _load(self, weights: str) -> Any:
-        from transformers import SamModel
-
         return SamModel.from_pretrained(
             weights, dtype=torch.float32, use_safetensors=True
         )
@@ -442,11 +444,6 @@ def plain_noun(noun: str) -> str:
 
 def _load_dino(weights: str) -> tuple[Any, Any, Any]:
     """Return the tokenizer, the image processor and the model of Grounding DINO."""
-    from transformers import AutoTokenizer, GroundingDinoForObjectDetection
-    from transformers.models.grounding_dino.image_processing_pil_grounding_dino import (
-        GroundingDinoImageProcessorPil,
-    )
-
     tokens = AutoTokenizer.from_pretrained(weights, trust_remote_code=False)
     images = GroundingDinoImageProcessorPil.from_pretrained(weights)
     load = GroundingDinoForObjectDetection.from_pretrained
