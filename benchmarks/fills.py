@@ -51,6 +51,10 @@ SIZES = (0.01, 0.08)
 """Share of its photo that an outline covers."""
 FREE = 0.02
 """Share of the hole's surroundings that may be of other objects."""
+CELL = 16
+"""px: side of the cells of two interleaved halves of a place."""
+MOVES = 3
+"""Places tried on each side of a hole, one beside the other."""
 MEASURES = ("ratio", "rim", "psnr", "ssim", "seconds")
 
 
@@ -193,6 +197,44 @@ def measure(hole: Hole, filled: Rgb, seconds: float) -> dict[str, float]:
     }
 
 
+def place_beside(hole: Hole, labels: NDArray[np.uint8]) -> Mask | None:
+    """(H, W) the hole moved to the nearest place without objects; None without one."""
+    left, top, width, height = cv2.boundingRect(hole.mask.astype(np.uint8))
+    shape = hole.mask[top : top + height, left : left + width]
+    objects = (labels > 0) & (labels < 255)
+    for move in range(1, MOVES + 1):
+        for down, right in ((0, -1), (0, 1), (-1, 0), (1, 0)):
+            y, x = top + move * down * height, left + move * right * width
+            fits = y + height <= len(labels) and x + width <= labels.shape[1]
+            if min(y, x) < 0 or not fits:
+                continue
+            moved = np.zeros_like(hole.mask)
+            moved[y : y + height, x : x + width] = shape
+            if objects[moved].mean() < FREE and not (moved & hole.mask).any():
+                return moved
+    return None
+
+
+def truths(hole: Hole, labels: NDArray[np.uint8]) -> dict[str, float]:
+    """Ratios of contrast of the photo itself: what a perfect copy would reach.
+
+    `beside` is the nearest place without objects over the hole's; `halves` is one of
+    two interleaved halves of the hole over the other.
+    """
+    rows, columns = np.indices(hole.mask.shape) // CELL
+    is_even = (rows + columns) % 2 == 0
+    even, odd = hole.mask & is_even, hole.mask & ~is_even
+    result = {}
+    if min(even.sum(), odd.sum()) > FEWEST:
+        ratio = contrast(hole.rgb, even) / max(contrast(hole.rgb, odd), 0.5)
+        result["halves"] = ratio
+    moved = place_beside(hole, labels)
+    if moved is not None:
+        ratio = contrast(hole.rgb, moved) / max(contrast(hole.rgb, hole.mask), 0.5)
+        result["beside"] = ratio
+    return result
+
+
 def fills(folder: Path, count: int = COUNT, half: str = "report") -> list[dict]:
     """One row a hole: measures of means of patches, and of copies of pieces."""
     rows = []
@@ -202,6 +244,7 @@ def fills(folder: Path, count: int = COUNT, half: str = "report") -> list[dict]:
         if inner.sum() < 100:
             continue
         row: dict = {"photo": hole.photo, "contrast": contrast(hole.rgb, inner)}
+        row["truth"] = truths(hole, _labels(folder / f"{hole.photo}.jpg"))
         for name, inpaint in ways.items():
             start = time.process_time()
             filled = fill_behind(hole.rgb, hole.mask, inpaint)
@@ -250,7 +293,22 @@ def table(rows: list[dict]) -> list[str]:
     for label, pattern in formats.items():
         one, other = (pattern.format(**mean) for mean in means)
         lines.append(f"| {label} | {one} | {other} |")
-    return lines
+    return [*lines, *_truth_lines(rows)]
+
+
+def _truth_lines(rows: list[dict]) -> list[str]:
+    """Lines that say how often the photo itself has the right contrast."""
+    shares = {}
+    for name in ("beside", "halves"):
+        ratios = [row["truth"][name] for row in rows if name in row["truth"]]
+        inside = [RIGHT[0] < ratio < RIGHT[1] for ratio in ratios]
+        shares[name] = f"{np.mean(inside):.0%} of {len(inside)}"
+    return [
+        "",
+        "No copy can be within 15 % everywhere: the photo's own contrast at the nearest",
+        f"free place is within 15 % of the hole's in {shares['beside']}, and that of two",
+        f"interleaved halves of the hole, in squares of {CELL} px, in {shares['halves']}.",
+    ]
 
 
 def pairs(folder: Path, out: Path, count: int = PAIRS) -> None:

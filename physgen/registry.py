@@ -121,7 +121,7 @@ class Backend:
     uses: tuple[str, ...] = ()
     """Keyword arguments that its callable takes beyond the Protocol's: `categories`.
 
-    `depth`, `normals`, `scenery`.
+    `depth`, `normals`, `scenery`, `barriers`.
     """
 
     @property

@@ -98,24 +98,17 @@ def _find_unused_in_folder(
     for item in folder.glob("*.assets"):
         if item not in assets:
             partials += _partials(item)
-    return [
-        *(
-            scene.saving.UnusedPath(path, scene.saving.UnusedKind.BACKUP)
-            for path in backups
-        ),
-        *(
-            scene.saving.UnusedPath(path, scene.saving.UnusedKind.ASSETS)
-            for path in assets
-        ),
-        *(
-            scene.saving.UnusedPath(path, scene.saving.UnusedKind.PARTIAL)
-            for path in partials
-        ),
-        *(
-            scene.saving.UnusedPath(path, scene.saving.UnusedKind.CACHE)
-            for path in caches
-        ),
-    ]
+    paths_by_kind = {
+        scene.saving.UnusedKind.BACKUP: backups,
+        scene.saving.UnusedKind.ASSETS: assets,
+        scene.saving.UnusedKind.PARTIAL: partials,
+        scene.saving.UnusedKind.CACHE: caches,
+    }
+    unused_paths = []
+    for kind, paths in paths_by_kind.items():
+        for path in paths:
+            unused_paths.append(scene.saving.UnusedPath(path, kind))
+    return unused_paths
 
 
 def _partials(folder: Path) -> list[Path]:

@@ -165,18 +165,15 @@ def numbers(text: str) -> list[int]:
 
 def find_physics(options: argparse.Namespace, bar: Bar) -> Findings:
     """Compare the engine with closed forms."""
-    rows = physgen.evaluate.physics.scorecard.choose(
-        physgen.evaluate.physics.ROWS, options.rows
-    )
-    steps: tuple[int, ...] = physgen.evaluate.physics.scorecard.STEPS
+    scorecard = physgen.evaluate.physics.scorecard
+    rows = scorecard.choose(physgen.evaluate.physics.ROWS, options.rows)
+    steps: tuple[int, ...] = scorecard.STEPS
     if not options.convergence:
         steps = ()
     jobs = options.jobs or os.cpu_count() or 1
-    draws = options.draws or physgen.evaluate.physics.scorecard.DRAWS
-    return physgen.evaluate.physics.scorecard.findings(
-        physgen.evaluate.physics.scorecard.evaluate(
-            rows, draws, steps, jobs, options.scenes
-        )
+    draws = options.draws or scorecard.DRAWS
+    return scorecard.findings(
+        scorecard.evaluate(rows, draws, steps, jobs, options.scenes)
     )
 
 
@@ -219,9 +216,8 @@ def add_runtime(parser: Parser) -> None:
 def find_runtime(options: argparse.Namespace, bar: Bar) -> Findings:
     """Collect the times of stages."""
     runs = physgen.evaluate.runtime.read_runs(options.folders, print_problem)
-    return physgen.evaluate.runtime.findings(
-        runs, f"{this_machine()}, {physgen.evaluate.runtime.gpu() or 'no GPU'}"
-    )
+    gpu = physgen.evaluate.runtime.gpu() or "no GPU"
+    return physgen.evaluate.runtime.findings(runs, f"{this_machine()}, {gpu}")
 
 
 FINDERS = {

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import physgen.batch
+from physgen import batch
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, count
 from physgen.cli.clusters import (
     add_cluster,
@@ -28,26 +28,22 @@ if TYPE_CHECKING:
 def verify(options: argparse.Namespace) -> int:
     check_cluster(options)
     if options.ship is None:
-        folders = physgen.batch.clips.clip_folders(options.folders)
+        folders = batch.clips.clip_folders(options.folders)
     else:
         folders = stored_clips(options)
     requests = []
     for folder in folders:
         requests.append(
-            physgen.batch.verify.VerifyRequest(
-                folder, options.scene, options.allow_outside
-            )
+            batch.verify.VerifyRequest(folder, options.scene, options.allow_outside)
         )
     has_many = len(requests) > 1
     bar = Bar()
-    work = physgen.batch.verify.verify
+    work = batch.verify.verify
     if not has_many and options.cluster is None:
-        work = partial(physgen.batch.verify.verify, progress=bar.show)
-    counts = Counter(dict.fromkeys(physgen.batch.verify.Outcome, 0))
+        work = partial(batch.verify.verify, progress=bar.show)
+    counts = Counter(dict.fromkeys(batch.verify.Outcome, 0))
     with closing(
-        run_all(
-            options, work, requests, len(requests), physgen.batch.verify.report_failure
-        )
+        run_all(options, work, requests, len(requests), batch.verify.report_failure)
     ) as verdicts:
         for verdict in verdicts:
             bar.clear()
@@ -60,9 +56,9 @@ def verify(options: argparse.Namespace) -> int:
                 bar.show("clips", counts.total(), len(requests))
     bar.clear()
     code = OK
-    if counts[physgen.batch.verify.Outcome.UNKNOWN]:
+    if counts[batch.verify.Outcome.UNKNOWN]:
         code = WRONG_INPUT
-    elif counts[physgen.batch.verify.Outcome.DIFFERS]:
+    elif counts[batch.verify.Outcome.DIFFERS]:
         code = FAILED
     return _sum_up(counts, code, options)
 

@@ -24,6 +24,7 @@ from physgen.perceive import naming
 from physgen.perceive.roles import (
     BoundaryGuess,
     Detections,
+    Inpaint,
     Labels,
     Mask,
     Matter,
@@ -34,6 +35,7 @@ from physgen.perceive.roles import (
     Scenery,
     Shadows,
 )
+from physgen.perceive.segment.copy_barriers import find_copy_barriers
 from physgen.perceive.segment.prompts import Segmenter
 from physgen.perceive.shadow.backgrounds import (
     Backgrounds,
@@ -116,7 +118,7 @@ class PerceptionRun:
         If no shadows are removed, reflections of objects `standing` on a floor are
         removed as well.
         """
-        inpaint = partial(self.crew.call, "inpaint")
+        inpaint = self._make_inpaint(surroundings)
         has_movable = ((surroundings.coverage > 0) & ~scenery_mask).any()
         if has_movable and scenery_mask.any():
             backgrounds = fill_before_scenery(
@@ -137,6 +139,25 @@ class PerceptionRun:
             backgrounds.clean_picture, movable, coverage, inpaint
         )
         return replace(backgrounds, clean_picture=clean_background)
+
+    def _make_inpaint(self, surroundings: Surroundings) -> Inpaint:
+        """Return the role `inpaint`, which copies no objects into holes of the ground.
+
+        Crops of the photo, around small holes, are filled from all their pixels.
+        """
+        uses_barriers = "barriers" in self.crew.row("inpaint").uses
+        if not (uses_barriers and surroundings.hole.any()):
+            return partial(self.crew.call, "inpaint")
+        barriers = find_copy_barriers(self.rgb, surroundings.hole)
+
+        def fill_ground(photo: Rgb, hole: Mask) -> Rgb:
+            extra: dict[str, Mask] = {}
+            if photo.shape == self.rgb.shape:
+                extra["barriers"] = barriers
+            result: Rgb = self.crew.call("inpaint", photo, hole, **extra)
+            return result
+
+        return fill_ground
 
     def without_mirror_images(
         self,

@@ -15,9 +15,10 @@ if TYPE_CHECKING:
     from physgen.pipeline import refreshing as refreshing
     from physgen.pipeline import stages as stages
     from physgen.pipeline import story_server as story_server
-    from physgen.pipeline.clip import Page, RenderOptions, output_name, render_scene
+    from physgen.pipeline.clip import render_scene
     from physgen.pipeline.perceiving import import_physgen, perceive
     from physgen.pipeline.refining import Refiners
+    from physgen.pipeline.render_options import Page, RenderOptions, output_name
     from physgen.pipeline.rendered_clip import Clip, render_clip
     from physgen.pipeline.stages import (
         Stages,
@@ -44,7 +45,8 @@ __getattr__, *_ = lazy_loader.attach(
     __name__,
     ["clip_warnings", "pushes", "refreshing", "stages", "story_server"],
     {
-        "clip": ["Page", "RenderOptions", "output_name", "render_scene"],
+        "clip": ["render_scene"],
+        "render_options": ["Page", "RenderOptions", "output_name"],
         "perceiving": ["import_physgen", "perceive"],
         "refining": ["Refiners"],
         "rendered_clip": ["Clip", "render_clip"],

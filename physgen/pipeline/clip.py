@@ -7,8 +7,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from enum import Enum
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,6 +39,8 @@ from physgen.pipeline.refining import (
     guidance_footage,
     refine_footage,
 )
+from physgen.pipeline.render_options import Page, command_alone, output_name
+from physgen.pipeline.render_options import RenderOptions as RenderOptions
 from physgen.pipeline.sounding import write_sound
 from physgen.pipeline.stages import Keep, Maps, Stages, fan, lint, render, resolved
 from physgen.pipeline.writing import VideoFiles
@@ -66,7 +67,6 @@ from physgen.report.record import (
     source_of,
     write_json,
 )
-from physgen.scene.load import scene_name
 from physgen.scene.scene import ADD_OBJECT, Motion
 from physgen.scene.write import scene_text
 
@@ -77,80 +77,6 @@ if TYPE_CHECKING:
     from physgen.scene.scene import Object, Scene
     from physgen.simulate.trajectory import Trajectory
 from physgen.pipeline.clip_labels import Labels
-
-
-class Page(Enum):
-    """Whether `report.html` is written."""
-
-    FULL = "full"
-    NONE = "none"
-
-
-@dataclass(frozen=True)
-class RenderOptions:
-    """Choices of a caller about one clip of a scene."""
-
-    overrides: tuple[str, ...] = ()
-    """`KEY=VALUE` texts, as for `--set`."""
-    variant: str | None = None
-    name: str | None = None
-    """Name of the clip's folder; None: the names of the scene and its variant."""
-    allow_outside: bool = False
-    """Whether the scene may read files outside its folder."""
-    formats: tuple[Format, ...] = (Format.MP4,)
-    """Formats of the video; empty for no video."""
-    command: tuple[str, ...] = ()
-    """The command line for the manifest."""
-    draws: int = 0
-    """Number of simulations with uncertain values drawn at random."""
-    draw_seed: int = 0
-    cached: bool = True
-    """Whether a complete clip with the same options is reused."""
-    page: Page = Page.FULL
-    sound: bool = True
-    """Whether the clip has the sound track of its scene."""
-    export: tuple[str, ...] = ()
-    """Formats of ground truth, written to `truth/`, or to the clip's folder without a
-    video.
-    """
-    models: tuple[str, ...] = ()
-    """Command-line flags of the refinement model: `--refine=NAME:WEIGHTS`,
-    `--config=FILE`.
-    """
-    mark: str = ""
-    """Hash of all options and the code, for the manifest."""
-
-
-def command_alone(path: str | Path, options: RenderOptions) -> list[str]:
-    """Return the command to render exactly this clip."""
-    formats = ",".join(video_format.value for video_format in options.formats)
-    has_refine_flag = any(flag.startswith("--refine=") for flag in options.models)
-    # The flag for the refinement model overrides an edit of the same key.
-    edits = []
-    for edit in options.overrides:
-        if not (has_refine_flag and edit.startswith("refine.backend=")):
-            edits.append(edit)
-    command = ["physgen", "render", str(path)]
-    if options.variant is not None:
-        command += ["--variant", options.variant]
-    for edit in edits:
-        command += ["--set", edit]
-    command += options.models
-    if formats not in ("", "mp4"):
-        command.append(f"--format={formats}")
-    return command + _output_flags(options)
-
-
-def _output_flags(options: RenderOptions) -> list[str]:
-    """Return the flags for draws, labels and files outside the scene's folder."""
-    flags = []
-    if options.draws:
-        flags += [f"--fan={options.draws}", f"--fan-seed={options.draw_seed}"]
-    if options.export:
-        flags.append(f"--export={','.join(options.export)}")
-    if options.allow_outside:
-        flags.append("--allow-outside")
-    return flags
 
 
 def render_scene(
@@ -355,9 +281,8 @@ class _Run:
         parts = film.compiled.world, trajectory, film.stage, film.shot(trajectory)
 
         def sample() -> Data | None:
-            report.html.template(
-                "report.html.j2"
-            )  # compile the template in this thread, too
+            # Compile the template in this thread, too.
+            report.html.template("report.html.j2")
             data = report.player.player_data(self.scene, *parts)
             if data is not None and film.hold:
                 data["clip"]["hold"] = film.hold
@@ -624,13 +549,3 @@ def write_manifest(record: RunRecord, folder: Path) -> None:
         record.files[file.relative_to(folder).as_posix()] = file_hash(file)
     write_json(folder / TIMING, record.timing())
     write_json(folder / "manifest.json", record.manifest())
-
-
-def output_name(path: str | Path, variant: str | None) -> str:
-    """Return the name of a clip's folder: the names of the scene and its variant."""
-    name = scene_name(Path(path))
-    if not name.isprintable():
-        raise Message.NAME_NOT_PRINTABLE.error(repr(str(path)))
-    if variant is not None:
-        return f"{name}-{variant}"
-    return name

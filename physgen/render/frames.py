@@ -24,6 +24,7 @@ from physgen.geometry.shadows import Silhouette
 from physgen.photometry import decode, encode_u8
 from physgen.render.atlas import BallSprites, ShadowSprites
 from physgen.render.contact_shade import ContactShade, multiply_light
+from physgen.render.floor_contacts import floor_contact_shades
 from physgen.render.occlusion import (
     add_shadow,
     occlusion_factors,
@@ -450,6 +451,9 @@ class _Painter:
         for shadow in self._shadows.contacts.values():
             self._canvas[shadow.box] *= shadow.factor
             boxes.append(shadow.box)
+        for box, floor_factor in self._shadows.floor_contacts:
+            self._canvas[box] *= floor_factor[..., None]
+            boxes.append(box)
         for box, factor, _ in halos:
             self._canvas[box] *= factor
         for box, _, light in halos:
@@ -514,6 +518,8 @@ class _Shadows:
         self._shaded: list[Slices] = []
         self.contacts: dict[int, ContactShadow] = {}
         """Shade at the base of each object that rocks in the last frame."""
+        self.floor_contacts: list[tuple[Slices, F32]] = []
+        """Factors of the floor's light along new contacts in the last frame."""
 
     def throw(
         self,
@@ -542,6 +548,9 @@ class _Shadows:
             darkness[box] = base_darkness[box]
         figures = _figures(self._stage, pictures)
         self.contacts = _contact_shadows(background, stands, figures)
+        self.floor_contacts = floor_contact_shades(
+            background, self._stage.contact_depth, stands, figures
+        )
         boxes = self._add_shadows(darkness, background, stands, figures, trails)
         shaded_tiles = touched_tiles(boxes, size)
         self._shaded = boxes_of_tiles(shaded_tiles, size)

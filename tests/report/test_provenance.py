@@ -6,7 +6,7 @@ import html
 import re
 
 from physgen.pipeline import RenderOptions
-from physgen.pipeline.clip import command_alone
+from physgen.pipeline.render_options import command_alone
 from physgen.report.html import template
 from physgen.report.page import provenance
 from physgen.report.record import RunRecord

@@ -165,7 +165,7 @@ def test_everything_that_is_written() -> None:
         24, 16, False, False, 0.5, (scene.Overlay.OUTLINES, scene.Overlay.TRAILS), 1,
         scene.Play.BACKWARD, None, (832, 480),
         (scene.CameraView(0, (250, 180), None, 1.5), scene.CameraView(1, None, "ball", 2)), 3,
-        scene.Noise.MATCH, 8, 0.0, 444, True, True, True,
+        scene.Noise.MATCH, 8, 0.0, 444, True, True, True, True,
         scene.Striker.CUE,
     )  # fmt: skip
     assert found.refine == scene.Refine(

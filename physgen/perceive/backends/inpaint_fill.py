@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.maps import F32
+from physgen.perceive.inpaint.band_grain import match_grain
 from physgen.perceive.inpaint.copy_offsets import I64
 from physgen.perceive.inpaint.edge_continuation import continue_arcs
 from physgen.perceive.inpaint.line_strips import (
@@ -112,21 +113,26 @@ class _Guide:
     """Straight lines through the hole."""
 
 
-def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
-    """Return the photo (H, W, 3) with a filled hole (H, W)."""
+def _fill(rgb: Rgb, hole: Mask, *, copies: bool, barriers: Mask | None = None) -> Rgb:
+    """Return the photo (H, W, 3) with a filled hole (H, W).
+
+    Objects in `barriers` (H, W) are not copied.
+    """
     if not hole.any() or hole.all():
         return rgb.copy()
     photo = rgb.astype(np.float32)
     soft_mask, shading = _soft_ground(photo, hole)
     if shading is None:
-        picture = _fill_picture(photo, hole, copies=copies)
+        picture = _fill_picture(photo, hole, barriers, copies=copies)
     else:
         # On softly shaded ground only the texture is filled.
         texture = photo - shading + GREY
-        picture = _fill_picture(texture, hole, copies=copies) - GREY + shading
+        picture = _fill_picture(texture, hole, barriers, copies=copies) - GREY + shading
         if (hole & ~soft_mask).any():
-            other_picture = _fill_picture(photo, hole, copies=copies)
+            other_picture = _fill_picture(photo, hole, barriers, copies=copies)
             picture = np.where(soft_mask[..., None], picture, other_picture)
+    if copies:
+        picture = match_grain(picture, photo, hole)
     left, top, width, height = cv2.boundingRect(hole.view(np.uint8))
     box = np.s_[
         max(0, top - LIMITS.surroundings) : top + height + LIMITS.surroundings,
@@ -167,7 +173,9 @@ def _soft_ground(photo: F32, hole: Mask) -> tuple[Mask, F32 | None]:
     return soft_mask, shading
 
 
-def _fill_picture(photo: F32, hole: Mask, *, copies: bool) -> F32:
+def _fill_picture(
+    photo: F32, hole: Mask, barriers: Mask | None, *, copies: bool
+) -> F32:
     """Return a picture (H, W, 3) with a filled hole (H, W); pixels beside the hole may
     change.
     """
@@ -180,7 +188,7 @@ def _fill_picture(photo: F32, hole: Mask, *, copies: bool) -> F32:
     textured_hole = guide.inner_hole & ~guide.smooth_hole & ~guide.arc_mask
     if copies and textured_hole.any():
         level = _pieces_without(guide.arc_mask, guide.inner_hole)
-        copied_picture = shift_map_fill(picture, textured_hole, picture)
+        copied_picture = shift_map_fill(picture, textured_hole, picture, barriers)
         picture = _carry_level_lines(copied_picture, photo, level)
     if guide.lines:
         if size is None:

@@ -88,17 +88,22 @@ class _Tuning:
 TUNING = _Tuning()
 
 
-def shift_map_fill(picture: F32, hole: Mask, guide: F32) -> F32:
+def shift_map_fill(
+    picture: F32, hole: Mask, guide: F32, barriers: Mask | None = None
+) -> F32:
     """Return `picture` (H, W, 3) with `hole` (H, W) filled by copies of its
     surroundings.
 
     `guide` (H, W, 3) is another fill: copies follow its colours roughly, and a piece of
     the hole keeps it if its contrast and border suit the surroundings better. A blur is
-    as wrong as too much texture, or as a line that ends at the border.
+    as wrong as too much texture, or as a line that ends at the border. Objects in
+    `barriers` (H, W) are not copied.
     """
     result = np.where(hole[..., None], guide, picture)
     for part, piece in _windows(hole):
         blocked_mask = block_others(piece, hole[part])
+        if barriers is not None:
+            blocked_mask = _block_barriers(piece, blocked_mask, barriers[part])
         window = _Window(picture[part], guide[part], piece, blocked_mask)
         copies, joint_copies = window.fill()
         strong_fill = window.strengthen(joint_copies)
@@ -151,6 +156,17 @@ def block_others(piece: Mask, hole: Mask) -> Mask:
             return np.asarray(blocked_mask)
         factor /= 2
     return hole
+
+
+def _block_barriers(piece: Mask, blocked_mask: Mask, barriers: Mask) -> Mask:
+    """Return `blocked_mask` (H, W) with `barriers`, if enough sources remain.
+
+    Pixels beside the `piece` stay boundary values.
+    """
+    result = blocked_mask | (barriers & ~dilate(piece, TUNING.seam_band))
+    if (~result).sum() < TUNING.sources * piece.sum():
+        return blocked_mask
+    return result
 
 
 @dataclass(frozen=True)
