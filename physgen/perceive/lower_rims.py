@@ -31,8 +31,8 @@ Ints = NDArray[np.intp]
 class RimConstants:
     """Constants of the search; the size of an object is the root of its area.
 
-    The weights and costs were chosen among 60 combinations by the misplaced pixels on half
-    of 540 labelled objects.
+    The weights and costs were chosen among 65 combinations by the misplaced pixels of 394
+    labelled objects, and by eye on six photos without labels.
     """
 
     side: float = 400.0
