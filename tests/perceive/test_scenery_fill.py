@@ -106,7 +106,8 @@ def test_reflections_of_scenery_stay_in_the_background():
     coverage = (labels > 0).astype(np.float32)
     around = find_surroundings(rgb, coverage)
     shadows = replace(NO_SHADOWS, clean_background=around.guess)
-    run = SimpleNamespace(rgb=rgb, crew=_Crew())
+    crew = _Crew()
+    run = SimpleNamespace(rgb=rgb, crew=crew, _make_inpaint=crew.make_inpaint)
     backgrounds = PerceptionRun.fill(run, around, shadows, labels, labels == 2)
     kept = backgrounds.clean_picture[155:235, 5:85].astype(int)
     assert np.abs(kept - rgb[155:235, 5:85]).max() <= 3
@@ -117,3 +118,6 @@ class _Crew:
 
     def call(self, role, photo, hole):
         return _row_mean(photo, hole)
+
+    def make_inpaint(self, surroundings):
+        return _row_mean
