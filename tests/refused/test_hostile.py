@@ -597,6 +597,8 @@ def test_a_corner_that_reaches_far_out_ends_with_a_warning(
     """A cup with one corner 5,600 px away needs 2,800 parts of every step: an hour for a second."""
     cups = Path(__file__).parents[2] / "scenes" / "cups" / "scene.yaml"
     flags = [
+        "--variant",
+        "push",
         "--set",
         "objects.cup-2.shape.polygon[14][1]=5647.6",
         "--set",
