@@ -321,4 +321,23 @@ def _floor_weight(
     top = foot - FOOT_HALO.legs * height
     over_top = corner[1] + np.arange(shape[0])[:, None] - top
     weight = weight * np.clip(over_top / (FOOT_HALO.soft_top * height), 0, 1)
-    return np.asarray(weight, np.float32)
+    weight = np.asarray(weight, np.float32)
+    return _spread_sideways(weight, max(FOOT_HALO.side_reach * height, 1.0))
+
+
+def _spread_sideways(weight: F32, reach: float) -> F32:
+    """Return weights (h, w) that fade linearly over `reach` px along each row.
+
+    The floor below an overhang continues beside it: without a fade, the shade below an
+    apple or between legs would end at a vertical line and carry that line along.
+    """
+    spread_weight = weight.copy()
+    columns = spread_weight.T
+    loss = np.float32(1 / reach)
+    # One pass to the right and one to the left give the largest faded neighbour.
+    for column, neighbour in zip(columns[1:], columns[:-1], strict=True):
+        np.maximum(column, neighbour - loss, out=column)
+    backwards = columns[::-1]
+    for column, neighbour in zip(backwards[1:], backwards[:-1], strict=True):
+        np.maximum(column, neighbour - loss, out=column)
+    return spread_weight
