@@ -180,53 +180,83 @@ def _straight_pairs(
     """Yield the turn of each nearly straight line, rad, its ends' numbers and the
     line.
     """
-    directions = [_visible_direction(end, known) for end in ends]
-    for i, (a, direction) in enumerate(zip(ends, directions, strict=True)):
-        for j, b in enumerate(ends[:i]):
-            chord = b.place - a.place
+    visible_ends = [_VisibleEnd.measure(end, known) for end in ends]
+    for i, a in enumerate(visible_ends):
+        for j, b in enumerate(visible_ends[:i]):
+            chord = b.end.place - a.end.place
             if float(np.hypot(*chord)) < TUNING.shortest:
                 continue
-            line = _straight_line(a, b, direction, directions[j])
+            line = _straight_line(a, b)
             if line is not None:
                 turn = max(_angle(chord, line.first), _angle(chord, line.last))
                 yield turn, i, j, line
 
 
-def _straight_line(
-    a: BorderEnd, b: BorderEnd, first: F64 | None, last: F64 | None
-) -> CertainLine | None:
-    """Return the straight line between two ends; None if the ends are not of one line.
+@dataclass(frozen=True, eq=False)
+class _VisibleEnd:
+    """An end and the visible line that leads to it."""
 
-    `first` and `last` are the directions of their visible lines into the hole; None of
-    a line that is not straight.
-    """
-    chord = b.place - a.place
-    long, short = float(TUNING.copied_length), TUNING.rough_length
-    if first is not None and last is not None:
-        turn = max(_angle(chord, first), _angle(chord, -last))
-        if turn <= TUNING.turn and _similar(a, b, TUNING.differ):
-            return CertainLine(a.place, b.place, first, -last, (long, long))
+    end: BorderEnd
+    is_visible: bool
+    """Whether the visible line is long enough."""
+    direction: F64 | None
+    """Unit vector (x, y) into the hole; None of a line that is not straight."""
+
+    @staticmethod
+    def measure(end: BorderEnd, known: KnownSurroundings) -> _VisibleEnd:
+        """Follow the visible line from an end."""
+        points = follow_edge(
+            known.picture, known.blocked_mask, end.place, -end.direction
+        )
+        lengths = np.hypot(*(points - points[0]).T)
+        points = points[lengths <= TUNING.direction_length]
+        if lengths.max() < TUNING.visible:
+            return _VisibleEnd(end, is_visible=False, direction=None)
+        center = points.mean(axis=0)
+        _, _, axes = np.linalg.svd(points - center)
+        direction: F64 = axes[0]
+        distances = np.abs((points - center) @ axes[1])
+        if distances.max() > TUNING.largest_bend:
+            return _VisibleEnd(end, is_visible=True, direction=None)
+        if direction @ end.direction <= 0:
+            direction = -direction
+        return _VisibleEnd(end, is_visible=True, direction=direction)
+
+
+def _straight_line(a: _VisibleEnd, b: _VisibleEnd) -> CertainLine | None:
+    """Return the straight line between two ends; None if the ends are not of one line."""
+    if not (a.is_visible and b.is_visible):
         return None
-    if first is None and last is None:
+    start, end = a.end.place, b.end.place
+    chord = end - start
+    long, short = float(TUNING.copied_length), TUNING.rough_length
+    if a.direction is not None and b.direction is not None:
+        turn = max(_angle(chord, a.direction), _angle(chord, -b.direction))
+        if turn <= TUNING.turn and _similar(a.end, b.end, TUNING.differ):
+            return CertainLine(start, end, a.direction, -b.direction, (long, long))
         return None
     # One straight end determines the line if the colours on both sides agree closely.
-    straight_direction = -last if first is None and last is not None else first
-    assert straight_direction is not None
-    rough_end, rough_chord = (a, chord) if first is None else (b, -chord)
-    is_line = (
+    unit_chord = chord / np.hypot(*chord)
+    if a.direction is not None and _continues(a.direction, b.end, a.end, chord):
+        return CertainLine(start, end, a.direction, unit_chord, (long, short))
+    if b.direction is not None and _continues(b.direction, a.end, b.end, -chord):
+        return CertainLine(start, end, unit_chord, -b.direction, (short, long))
+    return None
+
+
+def _continues(
+    direction: F64, rough_end: BorderEnd, straight_end: BorderEnd, chord: F64
+) -> bool:
+    """Return whether a rough end is the other end of a straight one.
+
+    `direction` and `chord` point from the straight end to the rough one.
+    """
+    return (
         rough_end.contrast > TUNING.rough_contrast
-        and _angle(chord, straight_direction) <= TUNING.turn
-        and _angle(rough_chord, rough_end.direction) <= TUNING.rough_turn
-        and _similar(a, b, TUNING.rough_differ)
+        and _angle(chord, direction) <= TUNING.turn
+        and _angle(-chord, rough_end.direction) <= TUNING.rough_turn
+        and _similar(straight_end, rough_end, TUNING.rough_differ)
     )
-    if not is_line:
-        return None
-    direction = chord / np.hypot(*chord)
-    if first is None:
-        lengths = short, long
-        return CertainLine(a.place, b.place, direction, straight_direction, lengths)
-    lengths = long, short
-    return CertainLine(a.place, b.place, straight_direction, direction, lengths)
 
 
 def _similar(a: BorderEnd, b: BorderEnd, limits: tuple[float, float]) -> bool:
@@ -240,22 +270,6 @@ def _similar(a: BorderEnd, b: BorderEnd, limits: tuple[float, float]) -> bool:
     if least_difference > limits[0] * contrast:
         return False
     return largest_difference <= limits[1] * contrast
-
-
-def _visible_direction(end: BorderEnd, known: KnownSurroundings) -> F64 | None:
-    """Return the direction into the hole of a straight visible line, else None."""
-    points = follow_edge(known.picture, known.blocked_mask, end.place, -end.direction)
-    lengths = np.hypot(*(points - points[0]).T)
-    points = points[lengths <= TUNING.direction_length]
-    if lengths.max() < TUNING.visible:
-        return None
-    center = points.mean(axis=0)
-    _, _, axes = np.linalg.svd(points - center)
-    direction: F64 = axes[0]
-    distances = np.abs((points - center) @ axes[1])
-    if distances.max() > TUNING.largest_bend:
-        return None
-    return direction if direction @ end.direction > 0 else -direction
 
 
 def _angle(a: F64, b: F64) -> float:
