@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -263,12 +264,13 @@ class _Ribbon:
 
         `network` (n, m) is the logarithm of the odds of the object.
         """
-        lit_evidence, shade_evidence = self._colour_evidence()
+        lit_evidence, shade_evidence = self._colour_evidence
         lit_evidence = np.clip(lit_evidence, -RIMS.lit_limit, RIMS.lit_limit)
         shade_evidence = np.clip(shade_evidence, -RIMS.lit_limit, RIMS.shade_limit)
         colour = np.maximum(lit_evidence, shade_evidence)
         return np.asarray(RIMS.colour * colour - RIMS.network * network)
 
+    @cached_property
     def _colour_evidence(self) -> tuple[F64, F64]:
         """Return log(likelihood of lit ground / likelihood of the object), (n, m), and
         the same of shaded or lit ground.
@@ -368,14 +370,23 @@ class _Ribbon:
         return self._fill_notches(offsets)
 
     def _fill_notches(self, offsets: F64) -> F64:
-        """Return the offsets (n,) of a border, px, without notches that the mask lacks."""
+        """Return the offsets (n,) of a border, px, without notches that the mask lacks
+        and that have the colours of the object.
+        """
         reach = max(1, round(RIMS.notch * self.size / 2))
         filled_offsets = _close_ring(offsets, reach)
         # Keep a notch of the mask, since the border moves only as far as the mask.
         filled_offsets = np.minimum(
             filled_offsets, np.maximum(offsets, self.mask_offsets)
         )
-        is_notch = filled_offsets - offsets > RIMS.notch_depth * self.size
+        is_deep = filled_offsets - offsets > RIMS.notch_depth * self.size
+        in_notch = self.offsets > offsets[:, None]
+        in_notch &= self.offsets <= filled_offsets[:, None]
+        # A notch with the colours of the lit ground is a gap between feet.
+        lit_evidence, _ = self._colour_evidence
+        sums = np.where(in_notch, lit_evidence, 0).sum(axis=1)
+        totals = _ring_sums(np.where(is_deep, sums, 0), reach)
+        is_notch = is_deep & (totals < 0)
         return np.where(is_notch, filled_offsets, offsets)
 
     def clearer_points(self, offsets: F64) -> Mask:

@@ -113,7 +113,7 @@ def test_a_label_near_the_base_leaves_no_notch() -> None:
     photo = np.full((480, 640, 3), 250, np.uint8)
     cloth = 208 + random.normal(0, 3, (300, 440, 1))
     photo[100:400, 100:540] = np.clip(cloth, 0, 255).astype(np.uint8)
-    photo[330:380, 380:440] = 20
+    photo[330:380, 380:424] = 20
     labels = np.zeros((480, 640), np.uint16)
     labels[100:400, 100:540] = 1
     refined = refine_lower_rims(photo, labels, nothing(labels))
