@@ -46,7 +46,7 @@ class LineSides:
     """(3,) of the side with negative offsets, and of the other one."""
     half_line: float
     """Half the width of the line, px."""
-    painted: tuple[float, float]
+    strip_range: tuple[float, float]
     """Least and largest offset of the painted strip, px."""
     scale: float
     """px of the photo per px of the reduced photo."""
@@ -67,8 +67,8 @@ def mend_sides(filled: F32, hole: Mask, sides: LineSides) -> None:
     is_wrong &= np.abs(sides.offsets) > sides.half_line
     wrong_mask[rows[is_wrong], columns[is_wrong]] = True
     margin = max(1, round(TUNING.margin * sides.scale))
-    is_cut = sides.offsets > sides.painted[0] - margin
-    is_cut &= sides.offsets < sides.painted[1] + margin
+    is_cut = sides.offsets > sides.strip_range[0] - margin
+    is_cut &= sides.offsets < sides.strip_range[1] + margin
     cut_mask = np.zeros(hole.shape, np.bool_)
     cut_mask[rows[is_cut], columns[is_cut]] = True
     wrong_mask = _cut_pieces(wrong_mask & hole, cut_mask, sides.scale)
@@ -76,8 +76,8 @@ def mend_sides(filled: F32, hole: Mask, sides: LineSides) -> None:
         return
     # The line itself and its other side are right.
     near_mask = np.zeros(hole.shape, np.bool_)
-    is_beside = np.abs(sides.offsets) > sides.half_line
-    near_mask[rows[is_beside], columns[is_beside]] = True
+    side_mask = np.abs(sides.offsets) > sides.half_line
+    near_mask[rows[side_mask], columns[side_mask]] = True
     mended_mask = dilate(wrong_mask, margin) & hole & near_mask
     filled[mended_mask] = harmonic_fill(filled, mended_mask)[mended_mask]
 

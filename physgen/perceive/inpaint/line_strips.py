@@ -229,18 +229,22 @@ def _straight_line(a: _VisibleEnd, b: _VisibleEnd) -> CertainLine | None:
         return None
     start, end = a.end.place, b.end.place
     chord = end - start
-    long, short = float(TUNING.copied_length), TUNING.rough_length
+    straight_length = float(TUNING.copied_length)
+    rough_length = TUNING.rough_length
     if a.direction is not None and b.direction is not None:
         turn = max(_angle(chord, a.direction), _angle(chord, -b.direction))
         if turn <= TUNING.turn and _similar(a.end, b.end, TUNING.differ):
-            return CertainLine(start, end, a.direction, -b.direction, (long, long))
+            lengths = straight_length, straight_length
+            return CertainLine(start, end, a.direction, -b.direction, lengths)
         return None
     # One straight end determines the line if the colours on both sides agree closely.
     unit_chord = chord / np.hypot(*chord)
     if a.direction is not None and _continues(a.direction, b.end, a.end, chord):
-        return CertainLine(start, end, a.direction, unit_chord, (long, short))
+        lengths = straight_length, rough_length
+        return CertainLine(start, end, a.direction, unit_chord, lengths)
     if b.direction is not None and _continues(b.direction, a.end, b.end, -chord):
-        return CertainLine(start, end, unit_chord, -b.direction, (short, long))
+        lengths = rough_length, straight_length
+        return CertainLine(start, end, unit_chord, -b.direction, lengths)
     return None
 
 
@@ -569,24 +573,26 @@ def _sides_of(strip: _Strip, hole: Mask, weights: F32) -> LineSides | None:
     half_line = round(TUNING.edge_shift * strip.scale)
     width = round(TUNING.ground_width * strip.scale)
     profile = (strip.profiles[0] + strip.profiles[1]) / 2
-    before = profile[max(middle - half_line - width, 0) : middle - half_line]
-    after = profile[middle + half_line + 1 : middle + half_line + 1 + width]
+    first_ground = profile[max(middle - half_line - width, 0) : middle - half_line]
+    second_ground = profile[middle + half_line + 1 : middle + half_line + 1 + width]
     box = strip.box
     rows, columns = np.nonzero(hole[box])
     painted_columns = np.flatnonzero(weights.any(axis=0))
-    if not (len(before) and len(after) and len(rows) and len(painted_columns)):
+    if not (
+        len(first_ground) and len(second_ground) and len(rows) and len(painted_columns)
+    ):
         return None
     rows, columns = rows + box[0].start, columns + box[1].start
     column_places, row_places = strip.places_of(np.stack([columns, rows], axis=1))
     last_row = len(strip.center) - strip.outside
-    is_beside = (row_places >= strip.outside) & (row_places < last_row)
-    is_beside &= (column_places >= 0) & (column_places <= 2 * middle)
+    side_mask = (row_places >= strip.outside) & (row_places < last_row)
+    side_mask &= (column_places >= 0) & (column_places <= 2 * middle)
     return LineSides(
-        pixels=(rows[is_beside], columns[is_beside]),
-        offsets=np.asarray(column_places[is_beside] - middle, np.float32),
-        colours=(before.mean(axis=0), after.mean(axis=0)),
+        pixels=(rows[side_mask], columns[side_mask]),
+        offsets=np.asarray(column_places[side_mask] - middle, np.float32),
+        colours=(first_ground.mean(axis=0), second_ground.mean(axis=0)),
         half_line=half_line,
-        painted=(painted_columns[0] - middle, painted_columns[-1] - middle),
+        strip_range=(painted_columns[0] - middle, painted_columns[-1] - middle),
         scale=strip.scale,
     )
 
