@@ -213,6 +213,8 @@ def _blows(impacts: list[Impacts]) -> dict[tuple[int, int], tuple[float, float]]
     """Return the impulses of impacts, g·px/s, for each pair in both orders, on its
     first body.
     """
+    # Action and reaction: in the other order of the pair, the impulse has the opposite
+    # sign.
     impulses: dict[tuple[int, int], tuple[float, float]] = {}
     for impact in impacts:
         rows = zip(impact.first, impact.second, impact.impulse, strict=True)
