@@ -99,10 +99,10 @@ def start_motion(
     pushes: Sequence[str] = (),
     story: StoryRequest | None = None,
 ) -> PerceivedScene:
-    """Return the scene with falling objects held and one object pushed, unless `is_still`.
+    """Return the scene with falling objects held and one object pushed.
 
-    `pushes`, or a `story` in words, replace the automatic push. Raises InputError if
-    one of them is wrong.
+    No object is pushed if `is_still`. `pushes`, or a `story` in words, replace the
+    automatic push. Raises InputError if one of them is wrong.
     """
     # A problem of the scene is reported when the scene is rendered.
     with suppress(InputError):
@@ -259,8 +259,8 @@ def _add_story_push(
 ) -> PerceivedScene:
     """Return the scene with the push of a short story inside the picture.
 
-    Only objects of `candidate_names`, if any are named, are pushed. If no push moves an object, a
-    held object is released and pushed alone.
+    Only objects of `candidate_names`, if any are named, are pushed. If no push moves an
+    object, a held object is released and pushed alone.
     """
     refusals = find_refusals(perceived_scene)
     if refusals.photo:
@@ -328,8 +328,8 @@ def _chosen_push(
     """Return the best push of the objects of these names; None if no push moves an
     object.
 
-    `barred_sides` are the sides to which objects are not pushed. Confidences below `least_confidence`
-    are raised to `least_confidence`.
+    `barred_sides` are the sides to which objects are not pushed. Confidences below
+    `least_confidence` are raised to `least_confidence`.
     """
     objects = perceived_scene.document["objects"]
     confidence = push_confidence(perceived_scene, names, least_confidence)

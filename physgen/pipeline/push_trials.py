@@ -790,6 +790,3 @@ def _run(
         has_left,
         running.work,
     )
-
-
-# Rank of pushes before they are simulated
