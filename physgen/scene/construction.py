@@ -370,6 +370,8 @@ def bezier_points(values: Sequence[Sequence[float]]) -> parts.Points:
         # The distance of a chord over 1/n of the parameter is at most |p''|/(8 n²).
         bend = 6 * max(np.hypot(*(a - 2 * b + c)), np.hypot(*(b - 2 * c + d)))
         count = min(max(1, ceil(sqrt(bend / (8 * SAG)))), MOST_CHORDS)
+        # Bernstein polynomials of degree 3; the last point of a curve is the first of
+        # the next one.
         t = np.arange(1, count + 1)[:, None] / count
         s = 1 - t
         points += list(s**3 * a + 3 * s**2 * t * b + 3 * s * t**2 * c + t**3 * d)

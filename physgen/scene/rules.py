@@ -111,6 +111,8 @@ class _Rules:
         """Width and height of each map, px."""
 
     def check(self) -> Ground:
+        # The canvas comes first: most places and sizes are checked against it. Masks
+        # need the assets.
         self.canvas()
         self.assets()
         for name, node in self.tree.objects.items():
