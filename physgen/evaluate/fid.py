@@ -181,6 +181,7 @@ def distances(
         name: Cloud(method.features - center, method.clips)
         for name, method in methods.items()
     }
+    # A single clip cannot be resampled: intervals then have no meaning.
     fewest_clips = min(side.count for side in (reference, *methods.values()))
     resamplings: dict[str, list[float]] = {name: [] for name in methods}
     if fewest_clips > 1:

@@ -291,6 +291,8 @@ def compare(truth: Truth, frames: Iterator[U8]) -> dict[str, float | None]:
     for (true_frame, objects), frame in zip(truth.frames(), frames, strict=True):
         regions = _regions(truth, true_frame, objects)
         error = (frame.astype(np.float64) - true_frame) / 255
+        # The error contains its sign, in shares of full scale. Its mean square gives
+        # PSNR, and its change from frame to frame the flicker.
         square = (error**2).mean(-1)
         similarity = ssim(frame, true_frame)
         for name, region in regions.items():
