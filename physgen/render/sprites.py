@@ -1247,6 +1247,9 @@ def _foreground(
     opacity = alpha[..., None]
     # Invert the composition photo = object + (1 - alpha) * background.
     own_light = np.clip(photo - (1 - opacity) * background, 0, None)
+    # The difference above is uncertain for pixels with little coverage: an error of the
+    # background is as large there as the object's light. Trust rises with the coverage,
+    # and needs a pixel that belongs to this object almost alone.
     lowest_trust, full_trust = TRUST
     trust = np.clip(
         ((1 + is_disc) * opacity - lowest_trust) / (full_trust - lowest_trust), 0, 1
@@ -1259,6 +1262,7 @@ def _foreground(
         most_light, own_light - _leak(photo, background, alpha, is_border)
     )
     own_light[is_border] = np.minimum(own_light, most_light)[is_border]
+    # Uncertain pixels get the light of the inside in proportion to their coverage.
     mixed_light = trust * own_light + (1 - trust) * opacity * inner_light
     light = np.where(opacity > 0, mixed_light, 0)
     least_light = gain[..., None] * opacity * inner_light

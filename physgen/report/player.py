@@ -622,6 +622,9 @@ def _total_impulses(samples: Trajectory) -> Array:
     codes = _pair_codes(contacts.touch_pairs, surface_count)
     begins = contacts.touch_times[:, 0]
     totals = np.zeros(len(contacts.touch_pairs))
+    # Touches of one pair are sorted by their begin: bisection finds the last touch that
+    # began before an impulse. An impulse in the instant of a begin belongs to it, and
+    # one before the first touch to the first.
     for code in np.unique(codes).tolist():
         rows = np.flatnonzero(codes == code)
         indices = np.flatnonzero(codes_of_impulses == code)
@@ -710,6 +713,8 @@ def _camera(shot: Shot) -> list[list[float]] | None:
     """
     views: list[list[float]] = []
     for time in shot.times.tolist():
+        # The camera maps a photo place p to large * p + shift. Pixel -0.5 of the video
+        # is its border: invert the map there.
         (large, _, x), (_, _, y) = shot.affine(time)
         left, top = (-0.5 - x) / large, (-0.5 - y) / large
         views.append(
@@ -718,6 +723,7 @@ def _camera(shot: Shot) -> list[list[float]] | None:
                 for v in (left, top, shot.video[0] / large, shot.video[1] / large)
             ]
         )
+    # A view that differs by less than a pixel is the whole photo.
     canvas = [-0.5, -0.5, *map(float, shot.photo)]
     if np.abs(np.array(views) - canvas).max(initial=0.0) > 1.0:
         return views
