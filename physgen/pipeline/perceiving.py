@@ -219,7 +219,7 @@ def perceive_photo(
             warn(problem)
         return moving_scene
 
-    # `meanwhile` runs the trials of pushes while slower backends work on the photo.
+    # `meanwhile` runs the trials of pushes while the backgrounds are computed.
     moving_scene = perception.perceive(
         rgb,
         detections,
