@@ -373,6 +373,7 @@ def group_by_direction(pushes: PushSweep) -> list[PushGroup]:
         for outcome in outcomes:
             if not outcome.has_contact:
                 free.append(outcome)
+        # Ranks instead of values: a harder push must go farther, by any law.
         spearman = correlation(sizes, np.array(_lengths(outcomes)))
         steps, free_steps = count_growth(outcomes), count_growth(free)
         groups.append(PushGroup(tuple(outcomes), steps, free_steps, spearman))
@@ -572,6 +573,7 @@ def _plot_limits(pushes: PushSweep) -> tuple[Array, Array]:
     margin = 0.04 * float((high - low).max()) + 1
     low, high = low - margin, high + margin
     if pushes.photo is not None:
+        # Centres of pixels are integers, so that the photo begins at -0.5.
         size = np.array(pushes.photo.shape[1::-1])
         low = np.minimum(low, -0.5)
         high = np.maximum(high, size - 0.5)
