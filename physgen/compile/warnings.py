@@ -275,7 +275,7 @@ def _excluded_starts(scene: Scene, compilation: CompiledScene) -> Iterator[Probl
     if not world.joints:
         return
     # Project the written velocities onto the motion that the joints permit, with masses
-    # as weights: the engine does the same in the first step.
+    # as weights.
     allowed_velocities = velocities_that_joints_allow(world)
     for k, (item, body) in enumerate(zip(scene.objects, world.bodies, strict=True)):
         if body.motion is not Motion.DYNAMIC or not (any(item.velocity) or item.spin):

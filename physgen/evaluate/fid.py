@@ -187,6 +187,7 @@ def distances(
     if fewest_clips > 1:
         resamplings = _resample(reference, methods, draws, seed, progress)
     reference_moments = moments(reference.features)
+    # The value itself is that of all clips; resampling gives its interval only.
     found = {}
     for name, method in methods.items():
         value = frechet(reference_moments, moments(method.features))

@@ -197,8 +197,8 @@ class Film:
             # The first sample is not the photo's any more.
             photo_poses = [Pose(*pose) for pose in trajectory.poses[0].tolist()]
             stage = replace(stage, starts=stage.starts or photo_poses)
-        # A hand or a finger is no object of the scene: labels and mattes must not show
-        # it.
+        # A hand or a finger is drawn in the whole clip only, and neither in mattes nor
+        # in single frames.
         if order is None and not matte:
             struck = self._add_strikers(stage, (exposure_samples, parts), camera_shot)
             if struck is not None:

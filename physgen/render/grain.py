@@ -107,6 +107,8 @@ def _measure_curve(details: F32, means: F32) -> tuple[list[tuple[F32, F32]], Mas
 
     `details` (n, size, size, 3) and `means` (n, 3) are those of blocks.
     """
+    # The mean square of the filtered detail is the variance of noise plus that of
+    # texture.
     squares = (details**2).mean(axis=(1, 2))
     texture = squares.sum(axis=1)
     is_flat = np.zeros(len(details), np.bool_)

@@ -134,6 +134,7 @@ def _regions(
         if not isinstance(id_, int) or id_ not in boxes:
             continue
         left, top, right, bottom = boxes[id_]
+        # Trace each mask within its own box only, as photos have many small objects.
         outline = mask_rings(labels[top:bottom, left:right] == id_)
         # Scaling about the corner of the picture, while pixel centres are integers.
         offset = np.array([left, top]) + 0.5
@@ -259,6 +260,7 @@ def _place(
     """
     (width, high), (left, top, right, bottom) = size, region.box
     x, y = region.center
+    # In order of preference: a tag above its object hides the least of the picture.
     centers = (
         (x, top - high / 2),
         (x, bottom + high / 2),

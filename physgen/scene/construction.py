@@ -422,6 +422,7 @@ LINES = (
 
 def _joint(name: str, item: Mapping[str, Any]) -> parts.Joint:
     (kind,) = (kind for kind in parts.JointKind if kind.value in item)
+    # A kind of joint has one point, a line of points, a path over time or none.
     points: parts.Points = ()
     if kind in LINES:
         points = _points(item[kind.value])
@@ -439,6 +440,7 @@ def _field(name: str, item: Mapping[str, Any]) -> parts.Field:
     (kind,) = (kind for kind in parts.FieldKind if kind.value in item)
     zeros = dict.fromkeys(NUMBERS_OF_FIELD, 0)
     item = {"objects": (), "velocity": (0, 0), **zeros, **item}
+    # The numbers of a field are a velocity, a place, or a place with an extent.
     vector = extent = (0.0, 0.0)
     if kind is parts.FieldKind.MAGNET:
         item["objects"] = item["magnet"]

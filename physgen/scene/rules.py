@@ -185,6 +185,7 @@ class _Rules:
         node = self.tree.valid_keys(self.tree.root).get("assets")
         if node is None:
             return
+        # Paths in a file are relative to this file, also if another scene extends it.
         home = node.source.folder
         try:
             folder = resolve_confined(

@@ -234,6 +234,7 @@ def _check_line(tree: CheckedTree, kind: str, line: Node, path: KeyPath) -> None
     if kind == "arc":
         _check_arc(tree, children(line), path)
         return
+    # Each cubic curve has three points after the common one: 3 n + 1 points.
     if kind == "bezier" and len(items(line)) % 3 != 1:
         key: KeyPath = (*path, "bezier")
         count = len(items(line))

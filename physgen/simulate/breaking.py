@@ -147,6 +147,7 @@ def _length(spring: Joint, pose: Array) -> float:
         if body is None:
             ends.append(at)
             continue
+        # The ends are fixed to their bodies and turn with them.
         c = np.cos(pose[body, 2])
         s = np.sin(pose[body, 2])
         ends.append(pose[body, :2] + [c * at[0] - s * at[1], s * at[0] + c * at[1]])

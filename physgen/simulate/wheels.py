@@ -104,6 +104,7 @@ def fold_wheels(trajectory: Trajectory, world: World) -> Trajectory:
     wheels = worlds_wheels(world)
     if not wheels:
         return trajectory
+    # The engine's bodies are those of the world, then all wheels.
     count = len(world.bodies)
     owners = np.array([k for k, _ in wheels], np.int32)
     # A wheel's turn counts relative to its vehicle.

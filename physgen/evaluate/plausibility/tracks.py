@@ -141,7 +141,7 @@ def read(
     """Yield the tracks of every clip in a path. `fps` and `view` belong to tables.
     Raise InputError.
     """
-    # A folder with a scene is a data set's sample; another folder contains clips.
+    # A folder with a scene file stands for this scene; any other folder contains clips.
     ending = path.suffix.lower()
     if path.is_dir():
         scene = path / "scene.yaml"
