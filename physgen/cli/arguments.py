@@ -370,6 +370,8 @@ def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
     Spaces, brackets and `px` are allowed: `(120 px, 80 px)`.
     """
     form = ",".join(("120", "80", "60", "60")[:count])
+    # Accept the notations that users copy from other programs, and nothing else: a
+    # typing error must not become another place.
     pieces = BETWEEN_NUMBERS.split(re.sub(r"\s*px\b|[()\[\]]", "", text).strip())
     pieces = [piece for piece in pieces if piece]
     fix = f"write px of the photo, e.g. {form}"

@@ -94,6 +94,7 @@ def _find_unused_in_folder(
     for one in scene.saving.caches_of_assets(folder):
         if one.parent not in assets:
             caches.append(one)
+    # Unused assets are removed as a whole: partial files inside them would count twice.
     partials = _partials(folder)
     for item in folder.glob("*.assets"):
         if item not in assets:

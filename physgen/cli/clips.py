@@ -93,6 +93,8 @@ def _motion_edits(
     if not (options.push or options.drop or options.kick) and options.story is None:
         return ()
 
+    # Shorthands need the shapes of the objects: a kick by its place, a drop by the room
+    # above.
     scene = _open_scene(path, options.allow_outside).scene(options.set, variant)
     with variant_named(variant):
         compilation = pipeline.compile(scene, pipeline.percepts(scene))
@@ -102,6 +104,7 @@ def _motion_edits(
         edits = pipeline.pushes.motion_edits(
             scene, compilation, options.push, options.drop, options.kick
         )
+    # Print the edits as text for the file, since shorthands change this clip only.
     if edits:
         _print_edits(path, edits, physgen.scene.write.scene_text(_nested_values(edits)))
     else:
@@ -228,6 +231,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     Raise InputError.
     """
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
+    # Problems of all options together, before the first job.
     checks: list[Callable[[], Any]] = [partial(_refining, options)]
     if options.export:
         checks.append(
@@ -467,6 +471,7 @@ def _print_done(result: JobResult, as_json: bool, store: str | None) -> None:
     """Print the folder of a clip, in its store if there is one, or the clip's data as a
     line of JSON.
     """
+    # A clip in a store has its address there.
     if result.folder is None:
         folder = None
     else:
@@ -508,6 +513,8 @@ def _sum_up(
 ) -> int:
     """Print the last line. Return the exit code."""
     index_files = [] if index is None else [str(index)]
+    # Files come on stdout, and sentences for people on stderr: a script can read the
+    # former.
     if options.json:
         _print_summary(tally, count, index_files, files)
     else:

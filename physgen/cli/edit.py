@@ -44,6 +44,8 @@ LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
 def edit(options: argparse.Namespace) -> int:
+    # Check all conditions before the editor opens the scene, because it locks the scene
+    # for other editors.
     if missing_packages := [name for name in NEEDED if find_spec(name) is None]:
         raise Message.EDITOR_PACKAGES_MISSING.error(
             "physgen edit",

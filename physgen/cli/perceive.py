@@ -167,6 +167,7 @@ def _flag_problems(options: argparse.Namespace, names: list[str]) -> list[Proble
         "--label": options.label,
         "--push": options.push,
     }
+    # Boxes, masks and names belong to one photo, and would be wrong for all others.
     problems = []
     for flag, value in flags_of_one_photo.items():
         if value:
@@ -283,6 +284,8 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
     """
     if not options.refresh and not options.image:
         raise Message.NO_PHOTO.error("perceive")
+    # A refresh reads the photo and the size from the scene: other ones would not fit
+    # its masks.
     excluded_flags = {
         "IMAGE": (options.image or [None])[0],
         "--masks": options.masks,

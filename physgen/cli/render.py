@@ -42,6 +42,8 @@ def render(options: argparse.Namespace) -> int:
     refuse_stored_video(options, video)
     if video is not None:
         options.output = str(video.parent)
+    # All jobs are checked before the first one starts: a wrong name must not appear
+    # after hours.
     jobs = list(jobs_of(options))
     if video is None:
         check_names(jobs)

@@ -63,6 +63,7 @@ def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
 
     def push(force: model.Force) -> Push:
         body = index[force.object]
+        # Without a point, the force acts at the centre of mass and turns nothing.
         if force.at is None:
             point = np.zeros(2)
         else:
@@ -103,6 +104,8 @@ def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Jo
         second = ends[1]
     else:
         first, second = (ends[0], None)
+    # The engine needs points relative to the centres of mass; a joint to the world
+    # keeps its second point in the photo's frame.
     first_point, second_point, guide = _places(item, bodies[first])
     points = np.array(item.points, np.float64).reshape(-1, 2)
     length = float(np.hypot(*np.diff(points, axis=0).T).sum())
@@ -136,10 +139,12 @@ def _places(item: model.Joint, body: Body) -> tuple[Array, Array, tuple[Array, .
     """Return the points of a joint on its first object and on the second side, px, and
     `Joint.guide`.
     """
+    # A gear joins angles and has no points.
     if item.kind is JointKind.GEAR:
         return body.center, np.zeros(2), ()
     points = np.array(item.points, np.float64)
     first_point, second_point = points[0], points[-1]
+    # The rope of a pulley runs from the first object over two wheels to the second.
     if item.kind is JointKind.PULLEY:
         return first_point, second_point, tuple(points[1:3])
     if item.kind is not JointKind.SLIDER:
@@ -259,6 +264,8 @@ def mass_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
         if body.motion is Motion.DYNAMIC:
             dynamic.append(body)
     sound = True
+    # The moment grows with mass times length²: it leaves the range of floats before the
+    # mass does.
     for body in dynamic:
         if not (_usable(body.mass) and _usable(body.moment)):
             sound = False
@@ -427,6 +434,8 @@ def frame_times(scene: Scene, duration: float) -> Array:
         place = scene.place("render.slow" if slow else "render.fps")
         values = {"slow": slow, "most": Limit.FRAMES.fix, "keys": smaller}
         raise Message.TOO_MANY_SAMPLES.error_at(place, "render", value_text, **values)
+    # A given number of frames divides the duration evenly, whatever the rate of the
+    # video.
     if render.frames is not None:
         return np.arange(render.frames, dtype=np.float64) * (duration / render.frames)
     return np.arange(max(1, round(rate * duration)), dtype=np.float64) / rate
@@ -572,6 +581,8 @@ def _path(item: Object, center: Array, scene: Scene) -> Array:
             raise Message.KNOT_ELSEWHERE.error_at(
                 scene.place(key), key, "the first knot", x=x, y=y, time=path[0, 0]
             )
+        # The first knot is rounded in the file: shift the whole path so that it begins
+        # exactly at the shape.
         path[:, 1:3] -= offset
     if item.loop:
         return _repeat_path(path, scene)

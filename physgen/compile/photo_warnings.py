@@ -161,6 +161,8 @@ def missed_masks(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
         differences = _shape_differences(item, outline, mask, compilation)
         messages = (Message.SHAPE_MISSES_MASK, Message.SHAPE_BEYOND_MASK)
         for part, message in zip(differences, messages, strict=True):
+            # Thin strips along the outline are unavoidable errors of a fit: opening the
+            # difference removes them.
             share = _opened_area(part) / area
             if share > LIMITS.max_missed_share:
                 path = f"objects.{item.name}.shape"
@@ -177,6 +179,8 @@ def _shape_differences(
     `mask` is (H, W) bool. The results are cropped to the surroundings of mask and
     shape.
     """
+    # The convex hull of the shape permits dents of the mask; a margin by the size of
+    # the mask permits fits that are slightly off.
     reach = LIMITS.mask_reach * np.count_nonzero(mask) ** 0.5
     hull = outline_shape(outline).convex_hull.buffer(reach)
     corners = np.rint(shapely.get_coordinates(hull)).astype(np.int32)
@@ -190,6 +194,8 @@ def _shape_differences(
     mask = mask[window]
     inside_hull = np.zeros(mask.shape, np.uint8)
     cv2.fillPoly(inside_hull, [corners - np.array([left, top], np.int32)], 1)
+    # Pixels of other objects and of scenery hide the shape there, and holes of the mask
+    # may be gaps of the segmentation.
     occupied = compilation.labels[window] > 0
     occupied |= compilation.scenery[window] | _fill_holes(mask)
     if isinstance(item.shape, Auto):

@@ -50,6 +50,7 @@ def object_labels(
     `written_outlines` holds the outline of every explicit shape, None for a fitted one. Nearer
     layers win shared pixels.
     """
+    # A mask has precedence over a shape, as it is the visible part of the object.
     width, height = scene.size
     out = np.zeros((height, width), np.uint16)
     problems = []
@@ -158,6 +159,8 @@ def fit_masks(
     mask is fitted alone, without a hole for the object in front of it: such a hole
     would trap the object.
     """
+    # Objects and boundaries share one label map, so that the fit gives neighbours one
+    # common line without gaps or overlaps.
     joint_labels = of_objects.astype(np.int32)
     shared_ids: dict[int, int] = {}
     lone_regions: dict[int, Region] = {}
@@ -227,6 +230,7 @@ def solid_of(item: Boundary) -> tuple[tuple[Array, ...], tuple[Array, float] | N
 
 def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
     """Return the boundaries as chains. `regions` are the fitted masks, by index."""
+    # A boundary has a written shape, a fitted mask or written points, in this order.
     passing = passages(scene)
 
     def chains(k: int, item: Boundary) -> tuple[Array, ...]:
@@ -430,6 +434,8 @@ def stand_on_lines(outline: Outline, lines: list[Line]) -> Outline:
     """Return the outline on the lines within reach of its lowest points."""
     for line in lines:
         if isinstance(outline, Disc):
+            # A disc touches the line with its lowest point: its centre lies one radius
+            # above.
             is_along, height = line.measure_points(outline.center[None])
             gap = float(height[0]) - outline.radius
             if is_along[0] and abs(gap) <= BAND:
@@ -437,6 +443,8 @@ def stand_on_lines(outline: Outline, lines: list[Line]) -> Outline:
             continue
         points = np.concatenate([ring.outer for ring in outline.rings])
         is_along, height = line.measure_points(points)
+        # Only points beside the line can stand on it; farther away the line does not
+        # exist.
         depths = height[is_along]
         # An object beside a ledge, with its centre below, does not stand on it.
         is_above = (mass_properties(outline).center - line.start) @ line.normal > BAND

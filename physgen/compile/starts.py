@@ -36,6 +36,8 @@ def _swinging(
     is_turning = body.spin != 0 and not body.velocity.any()
     if body.motion is not Motion.DYNAMIC or not is_turning:
         return body
+    # A body on one fixed pin can only turn about this pin: a written spin implies the
+    # velocity of the centre of mass.
     pin = _only_pin(index, joints)
     if pin is None:
         return body
@@ -46,6 +48,8 @@ def _swinging(
         x, y = pin.first_at
     if partner is not None and bodies[partner].motion is Motion.DYNAMIC:
         return body
+    # Velocity of the centre: the spin times the vector from pin to centre, turned by 90
+    # degrees. The vector from centre to pin is (x, y), which gives (y, -x).
     return replace(body, velocity=body.spin * np.array([y, -x]))
 
 

@@ -67,6 +67,7 @@ def check_wheels(item: Object, photo_outline: Outline, scene: Scene) -> None:
     if isinstance(photo_outline, Disc):
         path = f"objects.{item.name}.wheels"
         raise Message.WHEELS_ON_CIRCLE.error_at(scene.place(path), path, "the wheels")
+    # A wheel must overlap the outline of its vehicle, or touch it.
     body = _polygon(photo_outline)
     for index, wheel in enumerate(item.wheels):
         path = f"objects.{item.name}.wheels[{index}]"
@@ -102,6 +103,8 @@ def place_wheels(
     body: Body, item: Object, photo_outline: Outline, scene: Scene
 ) -> tuple[Wheel, ...]:
     """Return the wheels in the body's frame, on the ground if it is within reach."""
+    # The scene has wheels in the photo's frame; the vehicle may be placed and turned
+    # elsewhere.
     middle = mass_properties(photo_outline).center
     lines = carrying_lines(scene)
     if item.place is not None:
@@ -134,6 +137,8 @@ def chassis_pieces(
         middle = shapely.Point(center + wheel.axle)
         body = body.difference(middle.buffer(radius, quad_segs=VEHICLE.corners // 4))
     body = body.difference(_road(center, wheels, scene, body.bounds))
+    # Cutting out the wheels leaves splinters of the mask, too small to matter in a
+    # collision.
     smallest_area = VEHICLE.speck * body.area
     parts = []
     for part in getattr(body, "geoms", [body]):
@@ -154,6 +159,8 @@ def _road(
     """Return the region below the clearance over the line through the wheels' lowest
     points.
     """
+    # Down is the direction of gravity, or of the picture without gravity; the road runs
+    # across it.
     gravity = np.array(scene.world.gravity, np.float64)
     strength = float(np.hypot(*gravity))
     down = np.array([0.0, 1.0])
@@ -167,6 +174,7 @@ def _road(
     # A single wheel has no line: the road is level.
     if length > 1:
         direction = (last - first) / length
+    # The chassis stays so far above the road that it does not scrape on bumps.
     lift = VEHICLE.clearance * min(wheel.radius for wheel in wheels)
     # The polygon must be larger than the body in every direction.
     distance = 4 * float(np.hypot(bounds[2] - bounds[0], bounds[3] - bounds[1])) + 100

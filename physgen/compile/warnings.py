@@ -274,6 +274,8 @@ def _excluded_starts(scene: Scene, compilation: CompiledScene) -> Iterator[Probl
     world = compilation.world
     if not world.joints:
         return
+    # Project the written velocities onto the motion that the joints permit, with masses
+    # as weights.
     allowed_velocities = velocities_that_joints_allow(world)
     for k, (item, body) in enumerate(zip(scene.objects, world.bodies, strict=True)):
         if body.motion is not Motion.DYNAMIC or not (any(item.velocity) or item.spin):
@@ -342,6 +344,8 @@ def _invisible(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
 
 def _outdated_values(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     """Yield warnings about numbers that belong to an earlier label or scale."""
+    # Perception derived masses and speeds from its own scale and labels. Values of the
+    # user stay, and may not fit the new scale any more.
     record, scale = scene.record, scene.world.pixels_per_meter
     is_stated = "world.pixels_per_meter" in scene.places
     if is_stated and record.scale is not None and not equal(record.scale, scale):
@@ -506,6 +510,7 @@ def supports(scene: Scene, compilation: CompiledScene) -> list[list[str]]:
     if not _has_gravity(scene, compilation):
         return [[] for _ in scene.objects]
     gravity = compilation.world.gravity
+    # Shift each outline a little down: everything it then meets supports it.
     down = gravity / float(np.hypot(*gravity)) * LIMITS.support
     shapes = list(map(outline_shape, compilation.outlines))
     names = [item.name for item in scene.objects]

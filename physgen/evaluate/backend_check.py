@@ -151,6 +151,7 @@ class Sample:
         block = np.s_[top : top + height, left : left + width]
         picture[block] = (220, 200, 120)
         self.labels[block] = 2
+        # Grain of a camera: a perfectly even picture would be unlike any photo.
         picture += np.random.default_rng(seed).normal(0, GRAIN, picture.shape)
         return np.clip(picture, 0, 255).astype(np.uint8)
 

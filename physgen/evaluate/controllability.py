@@ -174,6 +174,7 @@ def sweep(
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
     index = choose_object(scene, compiled.world, name)
+    # Other motion of the scene would mix with the effect of the pushes.
     world = quiet(compiled.world, index)
     body = world.bodies[index]
     sizes = list(sizes) or usual_sizes(world, body)
@@ -181,6 +182,8 @@ def sweep(
     for angle in directions(angles, world.view):
         pushes += [Push(size * cos(angle), size * sin(angle)) for size in sizes]
     progress("no push", 0, len(pushes) + 1)
+    # The motion without a push is the reference: an object that falls anyway is not
+    # controlled by a push.
     rest_path = course_of(pipeline.simulate(world), body.name)
     outcomes = []
     for k, push in enumerate(pushes, 1):
@@ -370,6 +373,7 @@ def group_by_direction(pushes: PushSweep) -> list[PushGroup]:
         for outcome in outcomes:
             if not outcome.has_contact:
                 free.append(outcome)
+        # Ranks instead of values: a harder push must go farther, by any law.
         spearman = correlation(sizes, np.array(_lengths(outcomes)))
         steps, free_steps = count_growth(outcomes), count_growth(free)
         groups.append(PushGroup(tuple(outcomes), steps, free_steps, spearman))
@@ -528,6 +532,8 @@ def plot(pushes: PushSweep, path: Path) -> None:
     import matplotlib
     from matplotlib.figure import Figure
 
+    # All paths and one aspect ratio of both axes: angles in the plot are those of the
+    # photo.
     low, high = _plot_limits(pushes)
     width, height = high - low
     plot_height = float(
@@ -567,6 +573,7 @@ def _plot_limits(pushes: PushSweep) -> tuple[Array, Array]:
     margin = 0.04 * float((high - low).max()) + 1
     low, high = low - margin, high + margin
     if pushes.photo is not None:
+        # Centres of pixels are integers, so that the photo begins at -0.5.
         size = np.array(pushes.photo.shape[1::-1])
         low = np.minimum(low, -0.5)
         high = np.maximum(high, size - 0.5)

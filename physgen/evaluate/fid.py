@@ -181,11 +181,13 @@ def distances(
         name: Cloud(method.features - center, method.clips)
         for name, method in methods.items()
     }
+    # A single clip cannot be resampled: intervals then have no meaning.
     fewest_clips = min(side.count for side in (reference, *methods.values()))
     resamplings: dict[str, list[float]] = {name: [] for name in methods}
     if fewest_clips > 1:
         resamplings = _resample(reference, methods, draws, seed, progress)
     reference_moments = moments(reference.features)
+    # The value itself is that of all clips; resampling gives its interval only.
     found = {}
     for name, method in methods.items():
         value = frechet(reference_moments, moments(method.features))

@@ -177,6 +177,7 @@ def paper(truth: Truth, background: U8, light: DistantLight | None) -> Iterator[
     trajectory = replay(truth, compiled)
     photo = decode(truth.maps.rgb)
     objects = truth.scene.objects
+    # Nearer layers are pasted last and cover farther ones.
     order = sorted(range(len(objects)), key=lambda k: objects[k].layer)
     for sample in range(1, len(trajectory.times)):
         canvas = background.copy()
@@ -198,6 +199,8 @@ def _relight(photo: F32, body: Body, angle: float, light: DistantLight) -> F32:
     height, width = photo.shape[:2]
     center = tuple(body.center.tolist())
     normals, _ = sphere_normals(height, width, center, body.radius)
+    # A turned picture shows at each pixel the normal of another place: the row vectors
+    # are multiplied by the inverse rotation.
     turned_normals = normals.copy()
     turn = rotation(angle).T.astype(np.float32)
     turned_normals[..., :2] = normals[..., :2] @ turn
@@ -214,6 +217,7 @@ def _paste(canvas: U8, mask: Mask, look: F32, body: Body, pose: F64) -> None:
     height, width = mask.shape
     x, y, angle = pose
     turn = rotation(angle)
+    # The rotation is about the centre of mass, which moves to (x, y).
     shift = np.array([[x], [y]]) - turn @ body.center[:, None]
     matrix = np.concatenate([turn, shift], axis=1)
 
@@ -291,6 +295,8 @@ def compare(truth: Truth, frames: Iterator[U8]) -> dict[str, float | None]:
     for (true_frame, objects), frame in zip(truth.frames(), frames, strict=True):
         regions = _regions(truth, true_frame, objects)
         error = (frame.astype(np.float64) - true_frame) / 255
+        # The error contains its sign, in shares of full scale. Its mean square gives
+        # PSNR, and its change from frame to frame the flicker.
         square = (error**2).mean(-1)
         similarity = ssim(frame, true_frame)
         for name, region in regions.items():
@@ -508,6 +514,7 @@ def write_strips(truth: Truth, path: Path) -> None:
     """
     count = len(truth.film["times_s"])
     columns = range(min(COLUMNS, count))
+    # Moments evenly spread over the clip, the last one included.
     frame_numbers = {round((k + 1) * count / COLUMNS) - 1 for k in columns}
     draw = ways(truth)
     films = [draw[name]() for name in STRIP_WAYS]

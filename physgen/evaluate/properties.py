@@ -355,6 +355,7 @@ def silhouette(item: Item) -> tuple[Rgb, Outline]:
     """
     size = item.size or UNKNOWN_SIZES[item.form]
     center = np.full(2, CANVAS / 2)
+    # The longest side has the same length in the picture for all objects.
     px_per_mm = LONGEST / max(size)
     outline: Outline
     if item.form is Form.BALL:

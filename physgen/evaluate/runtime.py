@@ -248,6 +248,7 @@ def findings(runs: Sequence[Run], this_machine: str) -> Findings:
     """Return the findings of one run or more; `this_machine` names this machine and its
     GPU.
     """
+    # Times of different machines are not comparable: each machine has its own tables.
     machines = list(dict.fromkeys(run.machine for run in runs))
     sections: list[Section] = []
     rows: list[dict[str, Any]] = []

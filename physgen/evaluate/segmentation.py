@@ -270,6 +270,7 @@ def match(photos: Sequence[Photo]) -> Matches:
         scores = photo.confidence.tolist()
         for mask, score in zip(photo.detections, scores, strict=True):
             detections.append({**_annotation(k, mask), "score": score})
+    # COCO's own code decides, so that figures can be compared with published ones.
     judge = _run_coco(photos, true_masks, detections)
     photo_matches = []
     for photo, result in zip(photos, judge.evalImgs, strict=True):
@@ -446,6 +447,7 @@ def evaluate(
         pair.read()
 
     collect(partial(check, k, pair) for k, pair in enumerate(pairs))
+    # Photos are read again one at a time: a large set does not fit into memory.
     photos = []
     for k, pair in enumerate(pairs):
         progress(pair.name, k, len(pairs))

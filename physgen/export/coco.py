@@ -48,6 +48,7 @@ class Coco(Writer):
         name = f"images/{view.index:05d}.jpg"
         (self._folder / name).write_bytes(view.jpeg)
         width, height = view.size
+        # Ids of COCO begin at 1, frames at 0.
         image = {
             "id": view.index + 1,
             "file_name": name,
@@ -107,6 +108,8 @@ def _clip_rows(clip: Clip) -> dict[str, Sequence[dict[str, Any]]]:
     categories = []
     for number, name in enumerate(clip.categories, 1):
         categories.append({"id": number, "name": name, "supercategory": "object"})
+    # A track is one object through the whole clip (the extension of TAO), also while it
+    # is hidden.
     tracks = []
     names_and_classes = zip(clip.names, clip.classes, strict=True)
     for track, (name, category) in enumerate(names_and_classes, 1):

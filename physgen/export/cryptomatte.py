@@ -97,6 +97,7 @@ def ranked_channels(shares: Mapping[str, F32]) -> dict[str, F32]:
         size = next(iter(shares.values())).shape
     else:
         size = (1, 1)
+    # Some empty ranks more than objects, so that each pixel always has all ranks.
     stack = np.zeros((RANKS + len(shares), *size), np.float32)
     ids = np.zeros(len(stack), np.uint32)
     for index, (name, share) in enumerate(shares.items()):
@@ -105,6 +106,8 @@ def ranked_channels(shares: Mapping[str, F32]) -> dict[str, F32]:
     ranks = np.argsort(-stack, axis=0, kind="stable")[:RANKS]
     coverage = np.take_along_axis(stack, ranks, axis=0)
     ranked_ids = np.where(coverage > 0, ids[ranks], np.uint32(0))
+    # The standard stores the 32 bits of a hash as a float, without a conversion of its
+    # value.
     values = ranked_ids.view(np.float32)
     channels = {}
     for rank in range(RANKS):

@@ -186,6 +186,8 @@ def _pushes(world: World, trajectory: Trajectory) -> Iterator[Event]:
     for push in world.pushes:
         if world.bodies[push.body].motion is not Motion.DYNAMIC or push.start > end:
             continue
+        # The point of application turns with the body: its place is that at the time of
+        # the push.
         pose = trajectory.poses[_sample(trajectory, push.start), push.body]
         offset = rotation(float(pose[2])) @ push.point
         place = _point(pose[:2] + offset)
@@ -368,6 +370,7 @@ def _outside_distances(
 
     poses (T, 3), lenses (T, 2, 3).
     """
+    # The camera neither turns nor distorts: it scales and shifts.
     scale = lenses[:, 0, 0, None]
     shift = lenses[:, :, 2]
     places = poses[:, :2]

@@ -87,6 +87,8 @@ def _colour_disc() -> NDArray[np.uint8]:
     v = u.T
     radius = np.hypot(u, v)[..., None]
     turn = (np.arctan2(-v, -u) / np.pi + 1) / 2
+    # The direction chooses a hue of the wheel, by linear interpolation between its
+    # neighbours; the length chooses the saturation (Baker et al., Middlebury).
     place = turn * (len(wheel) - 1)
     low = np.floor(place).astype(np.int64)
     part = (place - low)[..., None]

@@ -344,6 +344,7 @@ def _background_flow(view: View, other: View) -> Flow:
     """
     width, height = view.size
     motion = np.zeros((height, width, 2), np.float32)
+    # A similarity z -> m z + n of complex numbers; the body -1 is the background.
     m, n = similarity(-1, view, other)
     # A still camera is the common case.
     if (m, n) == (1, 0):
@@ -378,6 +379,7 @@ def _add_body(
         # The real and imaginary parts of m z + n, for z = x + i y.
         new_x = (m.real * x + n.real) - m.imag * y
         new_y = (m.real * y + n.imag) + m.imag * x
+    # Only visible pixels of the body get its flow; other objects keep theirs.
     own_mask = view.ids[box] == body + 1
     motion = result.motion[box]
     np.copyto(motion[..., 0], new_x - x, where=own_mask, casting="same_kind")

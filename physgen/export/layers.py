@@ -309,6 +309,8 @@ def straight_srgb(light: F32) -> F32:
     """
     if light.shape[2] == 3:
         return encode(light)
+    # Formats with straight alpha store the colour of the object alone, and an encoder
+    # may mix it with the colour of invisible neighbours.
     alpha = light[..., 3]
     colour = np.zeros_like(light[..., :3])
     is_known = alpha > 0

@@ -119,6 +119,8 @@ class Tapvid(Writer):
             spaces = None
         camera = CameraPath(np.stack(self._lenses), np.stack(self._poses), spaces)
         points = self._choose_points()
+        # A point is hidden on the far side of a ball, or if another object shows at its
+        # pixel.
         places, far_side = track_points(points, camera, self._clip.world)
         # Every point is visible in the frame of its choice, so that a first visible
         # frame exists.
@@ -151,6 +153,8 @@ class Tapvid(Writer):
         seed depends on the clip's name.
         """
         rng = np.random.default_rng(_seed(self._clip.name))
+        # Each object gets its number of points by its visible area in all frames, and
+        # each of its points begins in a frame by its area there.
         areas = np.stack(self._areas)
         counts = point_counts(areas.sum(axis=0), LIMITS.points)
         owners = np.repeat(np.arange(len(counts)), counts)
@@ -180,6 +184,7 @@ class Tapvid(Writer):
         is_inside = has_column & (rows >= 0) & (rows < height)
         # Points outside the picture read pixel 0, and are masked afterwards.
         pixels = np.where(is_inside, rows * width + columns, 0)
+        # Ids are stored compressed: unpack one frame at a time.
         ids = []
         for t in range(len(self._ids)):
             frame_ids = self._read_ids(t).ravel()
@@ -214,6 +219,7 @@ def track_points(
     """Return places (K, T, 2) px in each view, also of hidden points, and a mask (K, T)
     of points on a ball's far side.
     """
+    # Complex numbers x + iy: rotations are products, and shifts are sums.
     scale = camera.lenses[:, 0, 0]
     shift_x = camera.lenses[:, 0, 2]
     shift_y = camera.lenses[:, 1, 2]
@@ -232,6 +238,7 @@ def track_points(
         else:
             tracks = _track_body(place, frame, index, camera, world)
             places[is_own], far_side[is_own] = tracks
+    # Back from the photo to the video of each frame.
     video_places = scale * places + shift
     return np.stack([video_places.real, video_places.imag], axis=-1), far_side
 
@@ -291,6 +298,7 @@ def point_counts(areas: Array, points: int) -> Index:
             share = LIMITS.background
         counts[0] = round(points * share)
     counts[1:][is_visible] = LIMITS.min_points
+    # Every object gets its minimum first, and the remaining points go by area.
     rest = points - int(counts.sum())
     if rest > 0 and is_visible.any():
         exact = rest * objects / objects.sum()
@@ -319,6 +327,7 @@ def choose_places(
         pixels = np.flatnonzero(is_own & is_inner)
         if not len(pixels):
             pixels = np.flatnonzero(is_own)
+        # A uniform offset within the pixel, since points are not on a grid.
         chosen_pixels = rng.choice(pixels, count)
         rows, columns = np.divmod(chosen_pixels, ids.shape[1])
         centers = np.column_stack([columns, rows])

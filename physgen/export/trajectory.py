@@ -55,6 +55,7 @@ def motion_arrays(clip: Clip) -> dict[str, NDArray[np.generic]]:
     units, except px and rad.
     """
     trajectory = clip.trajectory
+    # Frames in playing order: a clip may run backwards or there and back.
     order = np.array(clip.shot.order, np.int64)
     times = trajectory.times[order]
     poses = trajectory.poses[order]

@@ -186,6 +186,8 @@ def encode_value(value: Any, arrays: list[Array]) -> Any:
     """
     if value is None or type(value) in (bool, int, float, str):
         return value
+    # Arrays are stored beside the JSON text, by number: as text they would lose digits
+    # and time.
     if isinstance(value, np.ndarray):
         return {"array": _number_of(value, arrays)}
     if isinstance(value, np.generic):

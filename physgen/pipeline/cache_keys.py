@@ -110,6 +110,8 @@ def _to_plain_data(value: Any) -> Any:
         if abs(value) < 2**53:
             return float(value) + 0.0
         return value
+    # A hash of the bytes stands for an array, with type and size, since equal bytes may
+    # be other numbers.
     if isinstance(value, np.ndarray):
         data = np.ascontiguousarray(value)
         return {
@@ -118,6 +120,8 @@ def _to_plain_data(value: Any) -> Any:
             "size": data.shape,
             "data": sha256(data.data).hexdigest(),
         }
+    # The name of the class is part of the key: two classes with equal fields are
+    # different values.
     if is_dataclass(value) and not isinstance(value, type):
         kind = type(value).__name__
         return {"": kind} | {

@@ -333,6 +333,8 @@ class _Run:
         scene = self.scene
         world = self.film.compiled.world
         displacements = _displacements(world, trajectory)
+        # A pushed object should move visibly; without pushes, any motion at all is
+        # enough.
         pushed_objects = []
         for item in scene.objects:
             if any(item.velocity):
@@ -450,6 +452,8 @@ class _Run:
             self._failures,
             self._write_sound(footage.trajectory, folder),
         )
+        # The video is written twice, before and after, so that the report can compare
+        # both.
         outcome = refine_footage(film, footage, refiners, files)
         self.labels.of_frames(
             film, footage.trajectory, self._truth(folder), record, self.progress

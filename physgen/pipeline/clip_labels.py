@@ -82,6 +82,8 @@ class Labels:
             yield lambda frames: frames
             return
 
+        # Labels read frames on their way to the video: drawing each frame again would
+        # double the time.
         shot = film.shot(trajectory)
         clip = labelled_clip(film, trajectory, record, self.maps)
         queues: list[MomentQueue] = []

@@ -181,6 +181,8 @@ class Film:
         camera_shot = self.shot(trajectory)
         if order is not None:
             camera_shot = replace(camera_shot, order=tuple(order))
+        # Several samples a frame give motion blur; their last one is the time of the
+        # frame.
         exposure_samples, parts = self.sample_exposures(trajectory)
         settings = self.scene.render
         stage = replace(
@@ -195,6 +197,8 @@ class Film:
             # The first sample is not the photo's any more.
             photo_poses = [Pose(*pose) for pose in trajectory.poses[0].tolist()]
             stage = replace(stage, starts=stage.starts or photo_poses)
+        # A hand or a finger is drawn in the whole clip only, and neither in mattes nor
+        # in single frames.
         if order is None and not matte:
             struck = self._add_strikers(stage, (exposure_samples, parts), camera_shot)
             if struck is not None:

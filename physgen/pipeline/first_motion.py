@@ -99,10 +99,10 @@ def start_motion(
     pushes: Sequence[str] = (),
     story: StoryRequest | None = None,
 ) -> PerceivedScene:
-    """Return the scene with falling objects held and one object pushed, unless `is_still`.
+    """Return the scene with falling objects held and one object pushed.
 
-    `pushes`, or a `story` in words, replace the automatic push. Raises InputError if
-    one of them is wrong.
+    No object is pushed if `is_still`. `pushes`, or a `story` in words, replace the
+    automatic push. Raises InputError if one of them is wrong.
     """
     # A problem of the scene is reported when the scene is rendered.
     with suppress(InputError):
@@ -124,6 +124,7 @@ def _moved_by_story(
     perceived_scene: PerceivedScene, story: StoryRequest
 ) -> PerceivedScene:
     """Return the scene with the motion that a sentence asks for. Raises InputError."""
+    # Compile the scene once; `tell` tries its edits on copies of the scene.
     opened = open_trial(perceived_scene, "motion")
     scene = opened.scene()
     compiled, _ = ended(scene, compile(scene, None))
@@ -149,6 +150,8 @@ def _with_story_edits(
     comments = dict(perceived_scene.comments)
     for key, value in telling.edits.items():
         if key == "forces":
+            # Forces belong to the whole scene; all other edits are keys
+            # `objects.NAME.PART`.
             document["forces"] = value
             comments["forces"] = telling.outcome
             continue
@@ -190,6 +193,8 @@ def _at_rest(
             for item, is_gone in zip(scene.objects, is_moving, strict=True)
             if is_gone
         ]:
+            # A held object cannot roll, move or spin: these keys would contradict its
+            # motion.
             item = {}
             for key, value in objects[name].items():
                 if key not in ("rolling", "velocity", "spin"):
@@ -223,6 +228,8 @@ def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
     The simulation ends at the first motion, or when all objects have settled.
     """
+    # The world has no pushes yet: any motion comes from gravity, from overlaps of masks
+    # or from a missing support.
     times = np.linspace(0, REST_SECONDS, REST_SAMPLES)
     rate = min(world.steps_per_second, REST_RATE)
     running = simulate.engine.Running(replace(world, steps_per_second=rate), times)
@@ -230,11 +237,16 @@ def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     for stop in range(REST_BLOCK, REST_SAMPLES + 1, REST_BLOCK):
         running.advance(float(times[stop - 1]))
         poses = running.trajectory().poses[:stop]
+        # A displacement counts from the first sample on, and not per block: slow
+        # tilting adds up to a visible motion.
         positions = poses[:, :, :2]
         is_moving = np.hypot(*np.moveaxis(positions - positions[:1], -1, 0)) > REST_PX
         is_moving &= is_free
         if is_moving.any():
             return np.asarray(is_moving[is_moving.any(axis=1).argmax()], bool)
+        # All objects have settled if the last block moved and turned them less than
+        # rounding of a pixel could show; the rest of the two seconds would bring
+        # nothing new.
         change = np.abs(np.diff(poses[[-REST_BLOCK, -1]], axis=0))
         px, rad = REST_END
         if (change[..., :2] < px).all() and (change[..., 2] < rad).all():
@@ -247,8 +259,8 @@ def _add_story_push(
 ) -> PerceivedScene:
     """Return the scene with the push of a short story inside the picture.
 
-    Only objects of `candidate_names`, if any are named, are pushed. If no push moves an object, a
-    held object is released and pushed alone.
+    Only objects of `candidate_names`, if any are named, are pushed. If no push moves an
+    object, a held object is released and pushed alone.
     """
     refusals = find_refusals(perceived_scene)
     if refusals.photo:
@@ -284,6 +296,8 @@ def _with_push(perceived_scene: PerceivedScene, push: Push) -> PerceivedScene:
     per_meter = perceived_scene.document["world"]["pixels_per_meter"]
     speeds = [meters(part / per_meter) for part in push.velocity]
     comment = f"the push that sets it off, {push.phrase}; [0, 0] leaves it at rest"
+    # A spin about the foot moves the top farthest: the comment therefore names the top
+    # as the place of the push.
     if push.spin:
         comment = (
             f"the push that sets it off, at its top {push.phrase}; "
@@ -314,8 +328,8 @@ def _chosen_push(
     """Return the best push of the objects of these names; None if no push moves an
     object.
 
-    `barred_sides` are the sides to which objects are not pushed. Confidences below `least_confidence`
-    are raised to `least_confidence`.
+    `barred_sides` are the sides to which objects are not pushed. Confidences below
+    `least_confidence` are raised to `least_confidence`.
     """
     objects = perceived_scene.document["objects"]
     confidence = push_confidence(perceived_scene, names, least_confidence)
@@ -392,6 +406,8 @@ def _with_motion(
         objects[name] = item | {"velocity": velocity}
         comments.pop(f"objects.{name}.motion", None)
         comments[f"objects.{name}.velocity"] = comment
+    # Store the playback only if it differs from the default, so that simple scenes have
+    # short files.
     render = dict(document.get("render", {}))
     # The slow motion of the perceived scene suits a fall across the picture; here, the
     # duration of the simulated motion decides.
@@ -423,11 +439,15 @@ def _with_ramp(
     """
     if tried_ramp == 0 or "ramp" in perceived_scene.document["world"]:
         return perceived_scene
+    # The ramp lasts a fixed number of video frames; with slow motion, these are less
+    # time in the scene.
     ramp = ramp_of(perceived_scene.document.get("render", {}).get("slow", 1))
     # A sudden start looks unnatural, but a slow one may not topple anything.
     ramped = _set_ramp(perceived_scene, ramp)
     if ramp == tried_ramp:
         return ramped
+    # The trial has used another ramp or none. Simulate with the final ramp before it is
+    # written, since a slower start may end in another grade.
     scene = open_trial(ramped, "velocity", "spin").scene()
     velocities = {}
     for item in scene.objects:
@@ -436,6 +456,8 @@ def _with_ramp(
     trials = compile_trials(scene, shapes_of(scene, None), _unseen_walls(ramped))
     if velocities and simulate_push(trials, velocities).grade >= outcome.grade:
         return ramped
+    # The trial was without any ramp and the ramped motion is worse: keep the sudden
+    # start. Otherwise keep the ramp of the trial.
     if tried_ramp is None:
         return perceived_scene
     return _set_ramp(perceived_scene, tried_ramp)
@@ -454,6 +476,7 @@ def push_by_request(
     perceived_scene: PerceivedScene, pushes: Sequence[str]
 ) -> PerceivedScene:
     """Return the scene with the pushes `NAME=DIRECTION[@SPEED]`. Raises InputError."""
+    # A push of a held object means that the user wants it to move: release it first.
     dynamic_scene = _release_objects(
         perceived_scene, [text.partition("=")[0].strip() for text in pushes]
     )
@@ -484,6 +507,8 @@ def push_anew(
     """
     objects = dict(perceived_scene.document["objects"])
     for name in perceived_pushes(scene):
+        # Only pushes that perception wrote are removed. A velocity that the user wrote
+        # is the user's decision.
         if name in objects:
             still_item = {}
             for k, v in objects[name].items():
@@ -519,6 +544,8 @@ def _with_usual_playback(
         return perceived_scene
     document = dict(perceived_scene.document)
     world = dict(document.get("world", {}))
+    # A ramp equal to the automatic one was written by perception, and depends on a push
+    # that no longer exists.
     if scene.world.ramp == ramp_of(scene.document.get("render", {}).get("slow", 1)):
         world.pop("ramp", None)
     slow = scale.slow_motion(
@@ -685,6 +712,8 @@ def _find_changes(
     `pushes` are the names of objects with a push of perception.
     """
     objects = perceived_scene.document["objects"]
+    # Entries without `motion` are dynamic: an object is released if only its old entry
+    # had the key.
     released_names = set()
     for name, entry in old_entries.items():
         if "motion" in entry and "motion" not in objects.get(name, entry):
@@ -692,6 +721,8 @@ def _find_changes(
     old_view = scene.record.world.get("view")
     has_new_view = old_view not in (None, scene.world.view.value)
     has_motion = _push_moves(perceived_scene, pushes)
+    # In another view gravity acts in another direction, so that perception's old push
+    # says nothing about the new scene.
     if has_new_view or not has_motion:
         stopped_names = pushes
     else:

@@ -125,6 +125,7 @@ def perceive(
     crew.begin()
     if options.masks is not None and (options.boxes or options.points):
         raise Message.OBJECTS_GIVEN_TWICE.error("perceive")
+    # Check names and folders before the perception, which takes much longer.
     check_text_names(image, output)
     check_writable((output or stdout or Path()).parent)
     photo = perceive_photo(image, options, crew, progress, warn)
@@ -218,6 +219,7 @@ def perceive_photo(
             warn(problem)
         return moving_scene
 
+    # `meanwhile` runs the trials of pushes while the backgrounds are computed.
     moving_scene = perception.perceive(
         rgb,
         detections,

@@ -55,6 +55,8 @@ def round_ends(perceived_scene: PerceivedScene) -> set[tuple[str, str]]:
 
 def _round_sides(mask: NDArray[np.bool_], corners: NDArray[np.float64]) -> list[str]:
     """Return the sides on which a mask ends above the foot of its polygon."""
+    # The polygon of an object has a flat base; its mask shows whether the visible
+    # corner is round.
     foot_row = float(corners[:, 1].max())
     height = float(np.ptp(corners[:, 1]))
     foot = corners[corners[:, 1] > foot_row - TRIAL.foot * height, 0]

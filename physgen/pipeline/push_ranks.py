@@ -68,6 +68,8 @@ def rank_pushes(
             if barred_side * direction[0] > 0:
                 continue
             score = weight * _room_score(trials, corners, k, direction)
+            # The negative count sorts pushes of equal score in the order of the file,
+            # so that the result is reproducible.
             scored_pushes.append((score, -len(scored_pushes), item, direction))
     scored_pushes.sort(key=lambda one: one[:2], reverse=True)
     return [(item, direction) for _, _, item, direction in scored_pushes]
@@ -141,6 +143,7 @@ def _room_score(
     objects_ahead = _objects_ahead(lower_corners, upper_corners, k)
     picture_end = max(np.array([[0, 0], trials.scene.size]) @ frame[0])
     full_room = RANK.room * trials.side
+    # The free path ends at the border of the picture or at the first object ahead.
     room = picture_end - trials.world.bodies[k].center @ frame[0]
     last_edge = upper_corners[k, 0]
     for n in objects_ahead:
@@ -148,6 +151,8 @@ def _room_score(
         last_edge = max(last_edge, upper_corners[n, 0])
     free_share = float(np.clip(room / full_room, 0, 1))
     room_beyond = float(np.clip((picture_end - last_edge) / full_room, 0, 1))
+    # Objects ahead make a better story, each further one half as much as the one
+    # before: 1 - 0.5^n.
     return (
         free_share
         + RANK.room_beyond * room_beyond

@@ -167,6 +167,8 @@ class Hand:
         Friction at the foot adds to the rotation during the slide: repeat the push
         until the rotation is small, and visible.
         """
+        # An object with one round end tips only to its other side: leave it to the push
+        # from there.
         rocks_to_other_side = replace(self, side=-self.side).can_rock
         if not self.can_sway or (rocks_to_other_side and not self.can_rock):
             return
@@ -178,6 +180,8 @@ class Hand:
             outcome = candidate.outcome
             if outcome.grade is Grade.NOTHING or outcome.turn > TRIAL.tumble:
                 return
+            # The rotation grows with the push: correct the push by the ratio of the
+            # wanted rotation to the simulated one.
             factor = wanted_turn / max(outcome.turn, SWAY.least_turn * wanted_turn)
             if SWAY.range[0] <= outcome.turn / wanted_turn <= SWAY.range[1]:
                 yield candidate

@@ -91,13 +91,19 @@ def choose_push(
     # Search at a coarse step first, and verify only the best pushes at the scene's own
     # rate: a coarse step may miss an impact.
     candidates = list(_candidates(trials, confidence, facing))
+    # A push without a visible motion is no candidate: with nothing left, the caller
+    # keeps the scene at rest.
     candidates = [trial for trial in candidates if trial.outcome.grade > Grade.NOTHING]
     if not candidates:
         return None
+    # An object under a load is pushed only if no other object makes a story. The score
+    # then counts the confidence of the mask: a wrong mask tears the picture apart.
     candidates = list(_free_of_load(trials, candidates))
     candidates = [_weight_candidate(trial, confidence) for trial in candidates]
     sorted_candidates = sorted(candidates, key=_preference, reverse=True)
     verified_candidates: list[Candidate] = []
+    # Verify in order of preference and stop at the first push that keeps its grade:
+    # each verification simulates at the scene's own rate and costs several trials.
     for candidate in sorted_candidates[: TRIAL.verification_count]:
         if sum(trial.outcome.work for trial in verified_candidates) > TRIAL.work:
             break
@@ -106,6 +112,8 @@ def choose_push(
         verified_candidates.append(verified_candidate)
         if verified_candidate.outcome.grade >= candidate.outcome.grade:
             break
+    # At the finer rate a push may move nothing any more. If this happens to all
+    # verified pushes, the best unverified one is better than none.
     moving_candidates = []
     for trial in verified_candidates:
         if trial.outcome.grade > Grade.NOTHING:
@@ -121,6 +129,8 @@ def _verify(
     The push is at once if the hand makes the outcome worse, unless the time of the push
     is given. The work of the outcome is that of both trials.
     """
+    # A hand needs some frames to bring an object to its speed. The number of frames
+    # depends on the slow motion, and the slow motion on the duration of the motion.
     world, given_ramp = trials.world, trials.ramp
     ramp = ramp_of(playback_of(trials, candidate.outcome.seconds))
     ramp = ramp if given_ramp is None else given_ramp
@@ -187,10 +197,16 @@ def _preference(candidate: Candidate) -> tuple[float, ...]:
 
     If objects leave the picture, the gentlest push is the best.
     """
+    # Every push of this grade spoils the clip. The gentlest one loses the fewest
+    # objects, whatever its score.
     outcome = candidate.outcome
     gentleness = -candidate.speed
     if outcome.grade is Grade.LEAVES:
         return (outcome.grade, gentleness, outcome.score)
+    # Compare scores on a logarithmic scale with steps of 1 / `score_share`: within one
+    # step the scores count as equal, and the gentlest push wins. Gentle pushes uncover
+    # less of the filled background. The lower bound of the score keeps the logarithm
+    # finite.
     level = int(log(max(outcome.score, 1e-3), 1 / TRIAL.score_share))
     return (outcome.grade, level, gentleness)
 
@@ -219,6 +235,8 @@ def _candidates(
         (confidence.get(item.name, 1.0) for item, _ in sorted_pushes), default=1.0
     )
     effort = _SearchEffort(highest_score, loaded_names(trials))
+    # Rank first, simulate later: the limits below end the search after a good story, so
+    # that the most promising objects and directions must come first.
     for pair in sorted_pushes:
         if effort.ends_before_pair():
             return
@@ -283,6 +301,9 @@ class _SearchEffort:
         self.trials += 1
         self.has_story |= outcome.has_calm_end and outcome.score > TRIAL.poor
         self.is_visible |= outcome.has_calm_end and outcome.travel >= TRIAL.travel
+        # The count of `patience` begins only with a story of an object without a load,
+        # since pulling an object out of a stack is rarely the motion that a user
+        # expects.
         is_story = outcome.grade is Grade.STORY
         is_free = candidate.item.name not in self.load_names
         if is_story and is_free and score > TRIAL.worth * self.best:
@@ -303,6 +324,8 @@ class _SearchEffort:
 
 def _highest_score(trials: TrialScene) -> float:
     """Return the score if all objects move far, and all tall objects fall."""
+    # Each path contributes at most 1 to the score, and each fall `TRIAL.falls`; see
+    # `_score_run`.
     total = 0.0
     for body in trials.world.bodies:
         if body.motion is Motion.DYNAMIC:
@@ -326,12 +349,17 @@ def _search(
     known: dict[float, Candidate] = {}
 
     def try_speed(speed: float) -> Candidate:
+        # Two digits are enough for a scene file, and they let two ways to nearly the
+        # same speed share one simulation.
         rounded_speed = float(f"{speed:.2g}")
         if rounded_speed not in known:
             start = Candidate(item, direction, rounded_speed, NO_MOTION)
             known[rounded_speed] = _try(trials, start, facing, world)
         return known[rounded_speed]
 
+    # The displacement grows with the speed until an object leaves the picture. Raise
+    # the speed in steps while all objects stay; after the first departure, bisect
+    # between the fastest calm push and the slowest leaving one.
     speeds = _speed_limits(trials, item)
     speed, hardest = speeds
     calm_speed, leaving_speed = 0.0, inf
@@ -340,9 +368,14 @@ def _search(
     while speed <= hardest and halvings <= TRIAL.halvings:
         candidate = try_speed(speed)
         outcome = candidate.outcome
+        # Between a push that moves hardly anything and one that moves too much, the
+        # geometric mean may be the best: displacements grow with the square of the
+        # speed, so that ratios of speeds count rather than differences.
         if calm_speed and _is_too_hard_push(outcome, previous):
             yield try_speed(sqrt(calm_speed * speed))
         yield candidate
+        # A harder push without a better story ends the search. A gentler one between
+        # the last two may tell the same story with less uncovered background.
         if outcome.grade is Grade.STORY and outcome.score <= TRIAL.worth * best_score:
             if calm_speed and outcome.travel > TRIAL.slide:
                 yield try_speed(sqrt(calm_speed * speed))
@@ -352,12 +385,15 @@ def _search(
         else:
             calm_speed = speed
             previous = outcome
+        # Scores of pushes out of the picture count paths that nobody sees.
         if outcome.grade is not Grade.LEAVES:
             best_score = max(best_score, outcome.score)
         # The speed that just keeps all objects in the picture is between two known
         # speeds: take their geometric mean.
         if leaving_speed < inf:
             halvings += 1
+            # Without a calm push yet there is no lower bound for a mean: halve the
+            # speed instead.
             if calm_speed:
                 speed = sqrt(calm_speed * leaving_speed)
             else:
@@ -382,6 +418,8 @@ def _pushes_of_pair(
     def attempt(candidate: Candidate) -> Candidate:
         return _try(trials, candidate, facing, world)
 
+    # A tall object may fall after a push through its centre, which is a better story
+    # than rocking. A low object can only slide then, and is tipped first.
     slides = _search(trials, item, direction, facing, world)
     hand = _hand(trials, item, direction[0], facing)
     tips = chain(hand.tips(attempt), hand.sways(attempt))
@@ -400,8 +438,12 @@ def _is_too_hard_push(outcome: Outcome, gentler: Outcome) -> bool:
 
     Objects that move too far uncover much background; rocking objects may need less.
     """
+    # The harder push makes a story but a long one, after a gentler push without any: a
+    # push in between may make a shorter story.
     if outcome.grade is Grade.STORY:
         return gentler.grade is not Grade.STORY and outcome.travel > TRIAL.full_travel
+    # The harder push never comes to rest, and the gentler one is hardly visible: a push
+    # in between may be visible and end calmly.
     is_short = gentler.grade is Grade.SHORT and gentler.travel < TRIAL.travel
     return is_short and outcome.grade is Grade.RESTLESS
 
@@ -410,8 +452,14 @@ def _next_step(trials: TrialScene, outcome: Outcome) -> float:
     """Return the factor to the next speed: displacement grows with the speed
     squared.
     """
+    # On a table rolling objects have hardly any friction, and the law of sliding below
+    # does not hold for them.
     if trials.scene.world.view is View.TOP and outcome.grade is Grade.STORY:
         return TRIAL.doubling
+    # Friction of deceleration mu g stops a slide after v² / (2 mu g): a displacement
+    # that is n times as long takes sqrt(n) times the speed. The goal is 1.6 times the
+    # displacement of a full score, so that the next push clearly reaches it. Bounds
+    # limit the step, since other objects may change this law at any speed.
     wanted_factor = sqrt(1.6 * TRIAL.slide / max(outcome.travel, 1e-6))
     return min(max(wanted_factor, TRIAL.steps[0]), TRIAL.steps[1])
 
@@ -424,6 +472,8 @@ def _try(
     velocities = {item.name: candidate.velocity}
     spins = {item.name: candidate.spin}
     outcome = simulate_push(trials, velocities, world, candidate.ramp, spins)
+    # A vehicle that drives backwards looks wrong, even if its motion is a good story
+    # otherwise.
     forwards = SIDES.get(facing.get(item.name, ""), 0.0)
     if forwards * candidate.direction[0] < 0:
         outcome = replace(outcome, score=TRIAL.wrong_way * outcome.score)
@@ -440,6 +490,8 @@ def _speed_limits(trials: TrialScene, item: Object) -> tuple[float, float]:
     hardest = TRIAL.hardest * ordinary
     body = next(body for body in trials.world.bodies if body.name == item.name)
     tipping_speed = _tipping_speed(body, hypot(*trials.world.gravity))
+    # Without a tipping speed, as for a ball or in the top view, only the ordinary speed
+    # of the scene sets the range.
     width, height = measure_extent(body)
     if tipping_speed is None:
         return gentlest, hardest
@@ -449,17 +501,24 @@ def _speed_limits(trials: TrialScene, item: Object) -> tuple[float, float]:
             tipping_speed, TRIAL.slides * _sliding_speed(trials, item.name)
         )
         return min(max(gentlest, first_speed), hardest), hardest
+    # A bottle or a pole falls from a touch: its range begins just above the tipping
+    # speed, since every slower push lets it swing back.
     return TRIAL.tips[0] * tipping_speed, max(TRIAL.tips[1] * tipping_speed, gentlest)
 
 
 def _sliding_speed(trials: TrialScene, name: str) -> float:
     """Return the speed of a visible slide on the smoothest surface, px/s."""
     surfaces = dict(trials.world.surfaces)
+    # The engine multiplies the coefficients of both surfaces. Nobody knows yet which
+    # surface the object slides on: the smoothest one gives the lowest speed, at which
+    # the search may begin.
     own_friction = surfaces.pop(name).friction
     lowest_friction = min(
         (surface.friction for surface in surfaces.values()), default=0.0
     )
     gravity = hypot(*trials.world.gravity)
+    # Work of friction: v² / 2 = mu g s, solved for the speed with the path s =
+    # `TRIAL.travel` of the photo's longer side.
     return sqrt(
         2 * own_friction * lowest_friction * gravity * TRIAL.travel * trials.side
     )
@@ -473,13 +532,21 @@ def _tipping_speed(body: Body, gravity: float) -> float | None:
     """
     if body.radius is not None or not gravity:
         return None
+    # The corner that is stopped lies at the height of the foot, half a width to the
+    # side of the centre of mass. To tip over, the centre must rise from `height` to its
+    # distance from the corner, which is `rise` higher.
     corners = np.concatenate(body.rings)
     x0 = float(corners[:, 0].min())
     x1 = float(corners[:, 0].max())
     # Height of the centre of mass above the foot.
     height = float(corners[:, 1].max())
     rise = hypot((x1 - x0) / 2, height) - height
+    # Moment of inertia about the corner by the mass (parallel axes): `moment / mass` +
+    # distance².
     inertia = body.moment / body.mass + (rise + height) ** 2
+    # Angular momentum about the corner just before and after the stop: v * height =
+    # inertia * spin. Energy at the highest point: inertia * spin² / 2 = gravity * rise.
+    # Without the spin, v = sqrt(2 * gravity * rise * inertia) / height.
     return sqrt(2 * gravity * rise * inertia) / height
 
 
@@ -542,17 +609,22 @@ def simulate_push(
     """
     world = _pushed_world(trials, velocities, world or trials.world, ramp, spins)
     motion, has_left, work = _run(trials, world)
+    # All lengths are shares of the photo's longer side from here on, so that one set of
+    # limits suits every size of photo.
     travel = measure_travel(world, motion) / trials.side
     # A push without a visible motion needs no grades.
     farthest = float(travel.max(initial=0.0))
     speed = max(hypot(*velocity) for velocity in velocities.values())
     if farthest < TRIAL.least_travel or explodes(trials, motion, speed):
         return replace(NO_MOTION, travel=farthest, work=work)
+    # A grade orders outcomes of different kinds; a score orders outcomes of the same
+    # grade.
     run = _TrialRun(trials, world, motion, travel, has_left)
     faults = _find_faults(run, velocities)
     film_share = _film_share(run, faults)
     grade = _grade_run(run, faults, film_share)
     score = _score_run(run, faults, is_spun=any(spins.values()))
+    # Among motions that are too short, the one that fills more of a second is better.
     if grade is Grade.SHORT:
         score *= film_share
     return Outcome(
@@ -589,11 +661,17 @@ def _find_faults(
 def _film_share(run: _TrialRun, faults: _Faults) -> float:
     """Return the share 0..1 of a second of video that is filled by visible motion."""
     trials, motion = run.trials, run.motion
+    # Count only the time with a motion that the eye can see. Slow motion stretches this
+    # time in the video.
     least_distance = TRIAL.visible * trials.side
     visible_time = measure_moving_time(run.world, motion, least_distance)
     slow_factor = playback_of(trials, run.seconds)
     film_share = min(visible_time * slow_factor / PLAYBACK.least_motion, 1.0)
+    # A long motion over a few pixels is no story either: the path must reach
+    # `TRIAL.travel`.
     film_share = min(film_share, float(run.travel.max()) / TRIAL.travel)
+    # Implausible ends lower the share as well, so that such a motion is never graded as
+    # a story.
     if faults.has_overhang:
         film_share = min(film_share, TRIAL.overhang)
     if faults.is_tumbling:
@@ -605,6 +683,8 @@ def _grade_run(run: _TrialRun, faults: _Faults, film_share: float) -> Grade:
     """Return the grade of a motion that fills a share of a second of video."""
     if run.has_left.any() or faults.has_throwback:
         return Grade.LEAVES
+    # At rest means that nothing has moved for at least one unit of time before the
+    # trial's end.
     is_resting = run.seconds <= float(run.motion.times[-1]) - run.trials.unit
     if faults.is_climbing or not is_resting:
         return Grade.RESTLESS
@@ -619,6 +699,9 @@ def _score_run(run: _TrialRun, faults: _Faults, is_spun: bool) -> float:
     motion = run.motion
     travel = run.travel
     fallen_names = find_fallen_objects(world, motion)
+    # Each object adds its path, up to the full score of its kind: one object far away
+    # counts no more than two at half the distance, and a longer path than the full one
+    # adds nothing.
     score = float(np.minimum(travel / full_travel(world, fallen_names), 1.0).sum())
     score += TRIAL.falls * len(fallen_names)
     if is_spun and rocks(world, motion):
@@ -646,6 +729,8 @@ def _pushed_world(
 ) -> World:
     """Return a world with the motion of some objects, and their ramp if given."""
     bodies = list(world.bodies)
+    # Only the pushed bodies are compiled again: the shapes of the others and their
+    # contacts at rest are the same for all trials.
     for index, item in enumerate(trials.scene.objects):
         if item.name in velocities:
             spin = spins.get(item.name, item.spin)
@@ -663,13 +748,22 @@ def _run(
 
     Returns the motion, the mask (N,) of bodies that leave, and the work.
     """
+    # The unit of time scales with the photo, so that small scenes are simulated for a
+    # shorter time than large ones.
     duration = min(TRIAL.units * trials.unit, TRIAL.longest)
     step = trials.unit / TRIAL.samples
     count = max(int(duration / step), 2)
     running = simulate.engine.Running(world, np.linspace(0.0, duration, count + 1))
+    # Work counts steps of the engine: at a higher rate the same motion has more of
+    # them.
     limit = TRIAL.trial_work * max(world.steps_per_second / TRIAL.rate, 1.0)
+    # A rocking object meets the ground again at each return, and each of these impacts
+    # costs extra steps.
     if any(body.spin for body in world.bodies):
         limit *= TRIAL.rocking_work
+    # Distances here are from the first pose of the unit of time, and those of
+    # `_TrialRun.seconds` from the last pose. With a quarter of that distance, two poses
+    # of the unit differ by at most a half: the unit counts as rest there too.
     rest_distance = TRIAL.unrest * trials.side / 4
     frame = PictureBorder.from_trials(trials, world)
     has_left = np.zeros(len(world.bodies), bool)
@@ -682,6 +776,7 @@ def _run(
         motion = running.trajectory()
         poses = motion.poses[sample_count:next_count]
         has_left = frame.leaving(poses)
+        # The first unit never counts as rest: a push with a ramp only begins there.
         is_still = (
             sample_count > 0
             and measure_sweep(world, poses).max(initial=0.0) < rest_distance
@@ -695,6 +790,3 @@ def _run(
         has_left,
         running.work,
     )
-
-
-# Rank of pushes before they are simulated

@@ -150,6 +150,8 @@ def motion_edits(
     edits: dict[str, Any] = {}
     forces = [*scene.document["forces"]]
     for item, values in motions:
+        # Forces are one list of the scene: several shorthands add to it, while other
+        # keys belong to one object each.
         forces += values.pop("forces", [])
         if item.motion is not Motion.DYNAMIC:
             edits[f"objects.{item.name}.motion"] = "dynamic"
@@ -403,6 +405,7 @@ def _lift(scene: Scene, compiled_scene: CompiledScene, item: Object) -> list[flo
     """
     boxes = list(map(bounds, compiled_scene.outlines))
     k = scene.objects.index(item)
+    # Objects that share columns with this one are in its way up.
     left, top, right, bottom = boxes[k]
     lower_edges = []
     for n, box in enumerate(boxes):

@@ -419,6 +419,7 @@ def _merge_scenes(
     comments = old_and_new.true_comments(
         perceived.comments, document, perceived.document, record.world
     )
+    # After the merge, values of perception have to suit the user's scale.
     document, record_changes = old_and_new.rescale_document(
         old.written_document, document, record, old.side
     )

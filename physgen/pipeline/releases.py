@@ -138,6 +138,8 @@ def stands_behind(photo_scene: PerceivedScene, name: str) -> bool:
         return False
     labels = photo_scene.percepts.labels
     object_mask = labels == photo_scene.document["objects"][name]["mask"]
+    # Compare rows: in a view from above at an angle, things in front end lower in the
+    # picture.
     rows = np.flatnonzero(object_mask.any(axis=1))
     if not len(rows):
         return False

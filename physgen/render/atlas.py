@@ -122,6 +122,8 @@ def equal_area(
     x = (np.arange(width) - center[0]) / radius
     y = (np.arange(height) - center[1]) / radius
     u, v = np.meshgrid(x, y)
+    # Lambert's projection: a point at the distance r of the map has z = 1 - r², and its
+    # place on the sphere is sqrt(1 + z) times the place on the map.
     z = np.maximum(1 - u * u - v * v, -1)
     factor = np.sqrt(1 + z)
     sides = []

@@ -107,6 +107,8 @@ def normals_within(
     y = np.arange(shape[0]) + corner[1] - center[1]
     u, v = np.meshgrid((x / radius).astype(np.float32), (y / radius).astype(np.float32))
     rho = np.sqrt(np.maximum(u * u + v * v, 1e-12))
+    # Near the rim the normal changes infinitely fast with the place: a limit keeps the
+    # light there finite.
     squeeze = np.minimum(np.float32(1), np.float32(RIM) / rho)
     u, v = u * squeeze, v * squeeze
     return u, v, np.sqrt(np.maximum(1 - u * u - v * v, 0)), rho
@@ -333,6 +335,8 @@ def _measure_shading_strength(colour: F32, shade: F32, inside: Mask) -> float:
     x = np.log(np.maximum(shade[inside], 5e-3)).astype(np.float64)
     brightness = colour.mean(axis=2)
     y = np.log(np.maximum(brightness[inside], 5e-3)).astype(np.float64)
+    # A ball under even light has no variance of its predicted shading, and gives no
+    # slope.
     x -= x.mean()
     variance = float((x * x).mean())
     if variance < 1e-4:
@@ -367,6 +371,8 @@ def _has_one_colour(skin: F32, u: F32, v: F32, z: F32, inside: Mask) -> bool:
         return False
     level = np.log(np.maximum(skin, 1e-3))[inside].astype(np.float64)
     normals = [np.broadcast_to(part, inside.shape)[inside] for part in (u, v, z)]
+    # A linear function of the normal is any remaining shading by a distant light: only
+    # the residuals are colour.
     rows = np.column_stack([np.ones(len(level)), *normals])
     residuals = level - rows @ np.linalg.lstsq(rows, level, rcond=None)[0]
     return bool(np.percentile(np.abs(residuals), 90) < BALL.colour_error)

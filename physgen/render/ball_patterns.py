@@ -121,7 +121,10 @@ def solve_weights(rows: F64, level: F64, paint: Ids, trust: F64) -> F64:
         terms[is_paint] -= np.average(terms[is_paint], axis=0, weights=own_trust)
         target[is_paint] -= np.average(target[is_paint], axis=0, weights=own_trust)
     weighted_terms = (terms * weight).T
+    # Ridge regression: the damping keeps terms small that the visible normals hardly
+    # determine.
     damping = BALL.stiff * len(rows) * np.eye(rows.shape[1])
+    # Normal equations of the weighted least squares.
     normal = weighted_terms @ terms + damping
     return np.asarray(np.linalg.solve(normal, weighted_terms @ target))
 
@@ -232,12 +235,16 @@ class Pattern:
             return np.zeros((*points.shape[:-1], 1), np.float32), points
         middle = self.disc.normal
         upward = self.border.normal
+        # Remove the part along the middle (Gram and Schmidt), so that the axis lies in
+        # the plane of the disc.
         upward = upward - (upward @ middle) * middle
         upward = upward / np.linalg.norm(upward)
         # The rear shows the same disc, turned by half a turn about the vertical.
         rear_places = 2 * (points @ upward)[..., None] * upward - points
         is_front = (points @ middle)[..., None] > 0
         places = np.where(is_front, points, rear_places)
+        # A border of the width `softness` avoids stairs around the disc; places at the
+        # rim of the photo are too oblique to read.
         share = np.clip(self.disc.values(points) / softness - 0.5, 0, 1)
         share = share * (places[..., 2] > BALL.view_cosine)
         return share[..., None].astype(np.float32), places

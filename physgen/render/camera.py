@@ -459,6 +459,8 @@ def _way(
         )
     lower_limit, upper_limit = room(photo, video, sight.zoom)
     body = trajectory.names.index(sight.follow)
+    # The camera follows the body as far as the photo reaches: beyond it, there is no
+    # picture to show.
     places = np.clip(trajectory.poses[:, body, :2], lower_limit, upper_limit)
     largest_offset = (
         ASTRAY * np.array(video) / (2 * magnification(photo, video, sight.zoom))
@@ -502,6 +504,8 @@ def exposure_times(
     times = trajectory.times
     if part <= 0 or len(times) < 2 or not world.bodies:
         return times, 1
+    # The shutter angle as a share of the time between two frames; film cameras have
+    # 0.5.
     exposure = part * float(times[1] - times[0])
     reaches = []
     for body in world.bodies:
@@ -510,6 +514,8 @@ def exposure_times(
     speed = np.hypot(vx, vy) + np.abs(spin) * np.array(reaches)
     # The fastest point of any body decides the number of samples of an exposure.
     farthest = float(speed.max()) * exposure
+    # Samples must be so close that a moving edge shows no steps. Their number is a
+    # multiple of the fewest, within limits of time.
     count = np.ceil(farthest / STEP / FEWEST) * FEWEST
     parts = int(np.clip(count, FEWEST, MOST))
     before = (np.arange(parts) - (parts - 1)) / parts * exposure
@@ -526,6 +532,8 @@ def blur_first_frame(
     times, contacts = trajectory.times, trajectory.contacts
     if parts < 2 or len(times) <= parts:
         return trajectory
+    # A body that touches something at t = 0 gets its velocity just then, from rest. A
+    # free body has flown before, and has a trail in the first frame too.
     begins = contacts.touch_times[:, 0] <= START_TIME
     touching = set(contacts.touch_pairs[begins].ravel().tolist())
     exposure = share * float(times[2 * parts - 1] - times[parts - 1])

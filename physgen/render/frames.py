@@ -98,6 +98,7 @@ def touched_tiles(boxes: Sequence[Slices], size: tuple[int, int]) -> list[int]:
     for rows, columns in boxes:
         if rows.stop <= rows.start or columns.stop <= columns.start:
             continue
+        # Bits from `first` to `last` in one number: union of boxes is a bitwise or.
         first, last = columns.start // TILE, (columns.stop - 1) // TILE
         bits = (1 << (last + 1)) - (1 << first)
         for row in range(rows.start // TILE, (rows.stop - 1) // TILE + 1):
@@ -128,6 +129,7 @@ def _runs_of_bits(bits: int) -> list[tuple[int, int]]:
     """
     runs = []
     while bits:
+        # bits & -bits isolates the lowest set bit.
         first = (bits & -bits).bit_length() - 1
         # The lowest zero bit ends the run.
         remaining_bits = bits >> first
@@ -174,9 +176,14 @@ class BackgroundCache:
         moved_objects = set(shadows)
         if moved_objects == self._moved:
             return []
+        # Only objects that began or ceased to move change the background (the symmetric
+        # difference of both sets).
         boxes = self._shadow_boxes(moved_objects ^ self._moved)
         self._moved = moved_objects
         for box in boxes:
+            # Restore the darkness of all objects at rest first. The remaining shadows
+            # are then subtracted from exact values, and rounding errors do not add up
+            # over frames.
             darkness[box] = background.total[box]
         # Subtract in the order of objects, so that rounding is the same in every frame.
         for k in sorted(moved_objects):
@@ -416,6 +423,7 @@ class _Painter:
         """Paint reflections and halos of objects below the objects; return the changed
         boxes.
         """
+        # Reflections and halos lie on the floor: they come before all objects.
         boxes = self._paint_foot_halos(pictures)
         contacts = self._shadows.contacts
         shares = halos_left(self._stage.sprites, stands)
@@ -478,10 +486,14 @@ class _Painter:
                 if self.layers is not None:
                     body = self._stage.sprites[stand.k].body
                     self.layers.add(body, box, light, coverage)
+                # The painter's algorithm with premultiplied light: canvas * (1 -
+                # coverage) + light.
                 canvas_part = self._canvas[box]
                 cv2.multiply(canvas_part, three_channels(1 - coverage), dst=canvas_part)
                 cv2.add(canvas_part, light, dst=canvas_part)
                 boxes.append(box)
+            # An object at its place in the photo keeps the photo's border pixels,
+            # unless it is smeared by its motion.
             is_blurred_photo = stand.k in trails and stand.start == stand.pose
             rest = None if picture is None or is_blurred_photo else picture.rest
             if rest is not None:
@@ -546,6 +558,7 @@ class _Shadows:
         # changed.
         for box in self._shaded + background_boxes:
             darkness[box] = base_darkness[box]
+        # Silhouettes are those of the drawn pictures: shadow and object then agree.
         figures = _figures(self._stage, pictures)
         self.contacts = _contact_shadows(background, stands, figures)
         self.floor_contacts = floor_contact_shades(
@@ -576,6 +589,8 @@ class _Shadows:
         for stand in stands:
             if stand.start == stand.pose:
                 continue
+            # During an exposure a shadow is the mean of those at several moments, like
+            # the object itself.
             exposure = _sample_exposure_poses(trails.get(stand.k, ()), stand)
             exposures += exposure
             # Shadows that only slide are drawn together at the end, from an atlas.
@@ -660,6 +675,7 @@ def _trails(stage: Stage, poses: NDArray[np.float64]) -> Mapping[int, Trail]:
     """
     sprites = stage.sprites
     bodies = [sprite.body for sprite in sprites]
+    # Displacements count from the last pose, at which the sharp picture is drawn.
     ways = (poses - poses[-1])[:, bodies].swapaxes(0, 1)
     is_ball = [sprite.ball is not None for sprite in sprites]
     ways[is_ball, :, 2] = 0  # The picture of a ball never turns as a whole.
@@ -722,6 +738,8 @@ def _blur_along_trail(
     whole_picture = _draw_unclipped(stage, balls, stand, picture, trail)
     if whole_picture is None:
         return None
+    # A picture cut at the border of the canvas would leave a dark trail: draw it whole,
+    # as far as the trail reaches.
     corner, light, coverage = whole_picture
     face = stage.sprites[stand.k].face
     center = np.array([stand.pose.x, stand.pose.y + face], np.float64)
@@ -795,6 +813,7 @@ def _draw_unclipped(
         rows, columns = picture.placement.box
         corner = np.array([columns.start, rows.start])
         return corner, picture.light, picture.coverage
+    # Draw on a canvas that is larger by the reach of the trail on each side.
     sprite = stage.sprites[stand.k]
     margin = _trail_reach(trail, sprite.coverage.shape) + 1
     pose = stand.pose._replace(x=stand.pose.x + margin, y=stand.pose.y + margin)
@@ -827,6 +846,8 @@ def _continue_shade(
     `corner` and `shape` are those of the larger picture.
     """
     rows, columns = picture.placement.box
+    # Shade is known on the canvas only. The nearest known value continues it, as shade
+    # changes slowly.
     shift_x, shift_y = columns.start - corner[0], rows.start - corner[1]
     move = np.array([[1.0, 0, shift_x], [0, 1, shift_y]])
     border = cv2.BORDER_REPLICATE
@@ -887,6 +908,7 @@ def _flatten(stage: Stage, pictures: Sequence[Picture], time: float) -> None:
         squash = squashes.get(sprite.body)
         if squash is None or picture.placement.photo_box is not None:
             continue
+        # The impact flattens the object about its centre.
         center = (pose.x, pose.y + sprite.face)
         flat = squash_picture(
             squash.scale_to(stage.scale),
@@ -949,6 +971,7 @@ def _add_block_sides(
             continue
         block_part, other_part = overlap
         front_coverage = front[other_part]
+        # Other fronts are in the same plane and hide the side behind them.
         side[block_part] *= 1 - front_coverage
         if sides.light is not None:
             # A front close by keeps light from the side.
@@ -956,6 +979,7 @@ def _add_block_sides(
                 front_coverage, (blur, blur)
             )
             light_share[block_part] *= 1 - darkness
+    # The composition needs premultiplied light: colour times coverage.
     colours *= (light_share * side)[..., None]
     picture.light = np.asarray(cv2.add(light, colours), np.float32)
     picture.coverage = coverage + side
@@ -999,10 +1023,15 @@ def _draw_floor_reflection(
     last = min(rows.stop, foot + 1)
     if first >= last:
         return None
+    # The photo's reflection fades as the object leaves, and the drawn one takes its
+    # place: both shares add up to 1.
     removed_share = 1 - shares[stage.sprites[k].body + 1]
     share = mirror.share[foot + 1 - last : foot + 1 - first] * removed_share
+    # A mirror image in a level floor: the row at a height h over the foot appears h
+    # below it.
     mirrored_light = picture.light[first - rows.start : last - rows.start][::-1]
     light = mirrored_light * share[:, None, None]
+    # The reflecting floor ends at both sides.
     places = np.arange(columns.start, columns.stop)
     light *= ((places >= left) & (places <= right))[:, None]
     # A rough floor blurs its reflection.

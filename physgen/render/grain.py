@@ -107,6 +107,8 @@ def _measure_curve(details: F32, means: F32) -> tuple[list[tuple[F32, F32]], Mas
 
     `details` (n, size, size, 3) and `means` (n, 3) are those of blocks.
     """
+    # The mean square of the filtered detail is the variance of noise plus that of
+    # texture.
     squares = (details**2).mean(axis=(1, 2))
     texture = squares.sum(axis=1)
     is_flat = np.zeros(len(details), np.bool_)
@@ -116,6 +118,7 @@ def _measure_curve(details: F32, means: F32) -> tuple[list[tuple[F32, F32]], Mas
         limit = np.quantile(texture[group], GRAIN.block_share)
         flattest = group[texture[group] <= limit]
         is_flat[flattest] = True
+        # The flattest blocks are below the mean by chance: a factor corrects this bias.
         deviation = GRAIN.low * np.sqrt(squares[flattest].mean(axis=0))
         curve.append((means[group].mean(axis=0), deviation))
     return curve, is_flat
@@ -158,6 +161,7 @@ def _curve(points: Sequence[tuple[F32, F32]]) -> F32:
     all_levels = np.arange(256)
     columns = []
     for channel in range(3):
+        # Interpolation needs rising levels, and channels may rise in different orders.
         order = np.argsort(levels[:, channel])
         x = levels[order, channel]
         y = deviations[order, channel]

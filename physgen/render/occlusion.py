@@ -95,6 +95,8 @@ def occluders(
     path = faces[None] - np.array(lower_faces)[:, None]
     path = path / max(setting.light.direction[2], LEAST_LIGHT_HEIGHT)
     spread = 1 + path * setting.light_radius
+    # Light must climb from the face to the blocker: without a difference of height
+    # there is no shadow. Cheap tests by boxes come first, then distances of balls.
     may_meet = (path > 0) & _boxes_meet(figures, path, spread, setting)
     np.fill_diagonal(may_meet, False)
     receivers, blockers = np.nonzero(may_meet)
@@ -205,6 +207,8 @@ def occlusion_of(
     step = max(1, int(np.sqrt(receiver.area)) // OCCLUSION.cells)
     all_balls = all(figure.radius is not None for figure in (receiver, *others))
     surface = _surface(receiver, step, np.float64 if all_balls else np.float32, setting)
+    # Beer and Lambert: darkness is -log of the remaining light, so that several veils
+    # add up.
     remaining = _remaining_light(surface, others, step, setting)
     darkness = _visible_darkness(remaining, surface.facing_viewer)
     if surface.down is not None and receiver.radius and receiver.floor is not None:
@@ -248,6 +252,8 @@ def _ball_surface(
     assert receiver.radius is not None
     lx, ly, lz = (np.float32(part) for part in setting.light.direction)
     cx, cy, radius = (np.float32(part) for part in (*receiver.center, receiver.radius))
+    # Coordinates relative to the ball's radius are the components of the unit normal; z
+    # follows from its length 1.
     u = (x - cx) / radius
     v = (y - cy) / radius
     z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
@@ -348,6 +354,9 @@ def _behind_slab(
     The points are `step` px apart.
     """
     lx, ly, lz = (float(part) for part in setting.light.direction)
+    # Walk from each point towards the light until the height of the slab's face, in a
+    # few stops. The point is in shadow if the slab covers any of them: the largest
+    # coverage counts.
     path = np.maximum(face(slab, setting.top) - depth, 0)
     path = path / max(lz, LEAST_LIGHT_HEIGHT)
     margin = 8 + step
@@ -501,6 +510,8 @@ def occlusion_factors(
     """
     if stage.veils is None or stage.lit_background is None:
         return {}
+    # The photo already contains its own veils. A moved object needs the quotient of its
+    # new veil and the old one.
     setting = stage.lit_background.setting
     has_moved = np.array(
         [s.placement is None or s.placement.photo_box is None for s in stands]

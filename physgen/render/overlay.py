@@ -146,6 +146,7 @@ def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
     # To save time, draw only on the part of the picture under the key.
     part = rgb[: ceil(corner[1] + size[1]) + 1, : ceil(corner[0] + size[0]) + 1]
     canvas = part.shape[1], part.shape[0]
+    # A dark plate makes the words readable on any photo.
     plate = Layer(canvas, 0.0)
     plate.area(corner + size * [[0, 0], [1, 0], [1, 1], [0, 1]], STYLE.opacity)
     plate.blend(part, CASING)
@@ -264,6 +265,8 @@ def describe_clip(
             sample_times(trajectory, STYLE.finer, sample_limit)
         )
     frame = world.duration / max(len(world.times), 1)
+    # Impacts within a fraction of a frame count as one: a rattling contact would fill
+    # the picture with rings.
     impacts: list[Impact] = []
     if Overlay.CONTACTS in kinds:
         impacts = find_impacts(world, motion, frame / STYLE.finer)
@@ -293,6 +296,8 @@ def _trails(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     times = clip.motion.times[: sheet.sample + 1]
     if len(times) < 2:
         return
+    # Older parts of a trail are fainter, down to a limit at which the whole path stays
+    # visible.
     age = (sheet.time - times[1:]) / max(STYLE.fade * clip.world.duration, 1e-9)
     strengths = np.clip(
         1 - (1 - STYLE.opacity_of_trails) * age, STYLE.opacity_of_trails, 1
@@ -312,6 +317,8 @@ def _distinct_indices(path: Array) -> NDArray[np.int64]:
     Corners and the last point are always among them.
     """
     steps = np.diff(path, axis=0)
+    # A new whole pixel of the arc length is a new point: a body at rest has thousands
+    # of equal samples.
     arc_lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
     is_drawn = np.diff(np.floor(arc_lengths), prepend=-1.0) > 0
     is_corner = np.zeros(len(path), bool)
@@ -331,6 +338,7 @@ def _outlines(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
         rings = list(body.rings)
         if body.radius is not None:
             rings = [circle((0.0, 0.0), body.radius * sheet.zoom) / sheet.zoom]
+            # Seen from above, a rolling sphere has no angle in the picture.
             if not (clip.world.view is View.TOP and body.solid is Solid.SPHERE):
                 tick = np.array([[0.72, 0.0], [1.0, 0.0]]) * body.radius
                 layer.line(sheet.to_frame(tick @ turn.T + (x, y)), sheet.pen)
@@ -373,6 +381,7 @@ def _push(clip: OverlayClip, sheet: Sheet, layer: Layer, push: Push) -> None:
     if push.load is Load.TORQUE:
         reach = clip.world.bodies[push.body].reach
         radius = min(1.25 * reach, 0.2 * max(clip.world.size))
+        # The length of the arc is proportional to the torque.
         sweep = clip.scales.torque * push.torque
         # An arc shorter than its own line would be only a dot.
         if abs(sweep) * radius * sheet.zoom >= STYLE.least_length:

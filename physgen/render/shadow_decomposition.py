@@ -152,6 +152,8 @@ class CastShadow:
         floor, start_floor = silhouette.floor, self.start.floor
         if self.contact is None or floor is None or start_floor is None:
             return None
+        # The base stands on the floor: its shade follows the floor below the object as
+        # the object moves on.
         climb = floor - start_floor
         return measure_base_motion(self.contact.points, start, pose, climb)
 
@@ -280,6 +282,8 @@ class LitBackground:
             return [], 0.0
         if cast.beyond_contact is None:
             return [], share
+        # The shade beyond the contact does not depend on the lift of the base, and only
+        # moves along.
         (x0, y0, _, _), picture = cast.beyond_contact
         size = self.setting.size
         box, moved_picture = shifted_picture(picture, (x0, y0), motion.shift, size)
@@ -302,6 +306,8 @@ class LitBackground:
         """
         if cast.start.floor is None or np.isfinite(self.setting.backdrop):
             return np.ones((box[3] - box[1], box[2] - box[0]), np.float32)
+        # The far end of the floor moves with the object in the picture: a shade keeps
+        # its distance to its object.
         floor = cast.start.floor + shift[1]
         shares = floor_share(silhouette.ends, self.setting, box, floor)
         near_share = _near_share(self.setting, box, floor)
@@ -341,6 +347,8 @@ class LitBackground:
                 )
         if share == 1:
             return shadows
+        # The shares of the photo's shadow and of the predicted one add up to 1 at any
+        # time, so that the shadow neither fades nor doubles on the way.
         rest = np.float32(1 - share)
         prediction = predicted_shadow(silhouette, self.setting, cast.step)
         if prediction is not None:
@@ -372,6 +380,8 @@ class LitBackground:
     ) -> list[tuple[PixelBox, F32]]:
         """Return a shadow of constant shape at its present place."""
         corner, picture = sliding
+        # Seen from above, a round object has the same shadow everywhere. Under a near
+        # lamp the shadow moves faster than its object, away from the lamp.
         factor = 1 + cast.lean
         shift = factor * (pose.x - start.x), factor * (pose.y - start.y)
         box, moved_picture = shifted_picture(picture, corner, shift, self.setting.size)
@@ -396,6 +406,8 @@ class LitBackground:
             return None
         moved_picture *= np.float32(strength)
         if silhouette.floor is not None and self._on_wall(cast.start):
+            # A shadow on a wall ends at the foot of the wall; the ramp of a pixel keeps
+            # this end smooth.
             wall_foot = silhouette.floor - self.setting.tilt * self.setting.backdrop
             rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
             moved_picture *= np.clip(wall_foot - rows + 0.5, 0, 1)
@@ -438,10 +450,15 @@ class LitBackground:
             silhouette.center[1] - start.center[1],
         )
         size = max(min(start.coverage.shape), 1)
+        # The residual contains the shape of the shadow in the photo, which is wrong for
+        # an object in another orientation.
         strength = 1.0 if cast.is_round else _bell(turn / SHADOW.turn)
+        # From above or on a wall, the shadow follows the object in both directions.
         if self.setting.top or self._on_wall(start):
             return strength, (dx, dy)
         if start.floor is None or silhouette.floor is None:
+            # Without a floor there is no place for the shadow to move to: it stays, and
+            # fades with the distance.
             distance = np.hypot(dx, dy)
             return strength * _bell(distance / (SHADOW.lift * size)), (0.0, 0.0)
         # A shadow on the floor stays valid while its object keeps its height over it.
@@ -465,10 +482,13 @@ def _photo_share(cast: CastShadow, start: Pose, pose: Pose) -> np.float32:
     """Return 1 for an object at its start, and 0 after it has left the photo's
     shadow.
     """
+    # A rotation moves the ends of an object by the angle times half its length.
     shape = cast.start.coverage.shape
     distance = np.hypot(pose.x - start.x, pose.y - start.y)
     if not cast.is_round:
         distance += abs(pose.angle - start.angle) * max(shape) / 2
+    # A share next to 1 counts as 1, and one next to 0 as 0: both save the other
+    # shadow's computation.
     share = _bell(distance / (SHADOW.parts * max(min(shape), 1)))
     if share >= SHADOW.full_share:
         return np.float32(1)
@@ -489,6 +509,7 @@ def _raise_to(values: F32, box: PixelBox, limits: F32, limit_box: PixelBox) -> N
 
 def _departure(silhouette: Silhouette, start: Pose, pose: Pose) -> np.float32:
     """Return 0 for an object at its start, and 1 after it has left."""
+    # 1 - exp(-d²) begins without a slope: no step is visible when the object starts.
     distance = np.hypot(pose.x - start.x, pose.y - start.y)
     size = max(min(silhouette.coverage.shape), 1)
     departure = distance / (SHADOW.comes * size)
@@ -513,6 +534,8 @@ def predicted_shadow(
         return shadow and (shadow[0], blurred(shadow[1], 0.4 * step))
     if step == 1:
         return shadow_darkness(silhouette, setting)
+    # The penumbra of a large object is wide. A coarse grid contains all of its detail,
+    # and the time falls with the square of the step.
     coarse_figure = _coarse_silhouette(silhouette, step)
     shadow = shadow_darkness(coarse_figure, _downscale_setting(setting, step))
     if shadow is None:
@@ -545,6 +568,8 @@ def _coarse_silhouette(silhouette: Silhouette, step: int) -> Silhouette:
         -(left + width) % step,
         cv2.BORDER_CONSTANT,
     )
+    # The mean over a cell keeps the area of thin parts; `scale` moves between centres
+    # of pixels and of cells.
     cells = (padded_cover.shape[1] // step, padded_cover.shape[0] // step)
     coarse_cover = cv2.resize(padded_cover, cells, interpolation=cv2.INTER_AREA)
     (cx, cy), (first, last) = silhouette.center, silhouette.ends
@@ -584,6 +609,7 @@ def shifted_picture(
     """Shift a picture by a fraction of pixels, and crop it to the photo."""
     height, width = picture.shape[:2]
     x, y = corner[0] + shift[0], corner[1] + shift[1]
+    # A shift by a fraction of a pixel covers one more column and row.
     first_column, first_row = int(np.floor(x)), int(np.floor(y))
     left, top = max(first_column, 0), max(first_row, 0)
     right = min(first_column + width + 1, size[0])
@@ -617,11 +643,15 @@ def decompose_shadows(
     if clean_background is None:
         light = decode(background)
         return _keep_old_shadows(light, starts, rounds, setting), None
+    # The background is visible only beside objects: all measurements use these pixels,
+    # and are continued behind objects.
     open_mask = _open_background(coverage)
     if is_changed is not None:
         open_mask &= ~is_changed
     photo = _ShadowPhoto.measure(background, clean_background, open_mask)
     shape = photo.darkness.shape
+    # Absent objects also claim darkness, which would otherwise go to their neighbours
+    # and move with them.
     division = _divide_darkness(photo, [*starts, *ghosts], rounds, setting)
     casts = division.casts[: len(starts)]
     ghost_casts = division.casts[len(starts) :]
@@ -765,8 +795,12 @@ def _matched_shadows(
         return setting, firsts, total
     # Compare shares of light taken away: expm1 converts darkness to them.
     ratios = np.expm1(-darkness[is_compared]) / np.expm1(-total[is_compared])
+    # Some predictions miss the shadow in the photo and lower the ratios. The upper
+    # quantile is the depth in the parts that the geometry hits; the limits exclude a
+    # shadow deeper than predicted, and nearly none at all.
     median_ratio, upper_ratio = np.quantile(ratios, (0.5, quantile))
     depth_ratio = float(max(min(upper_ratio, 1.0), median_ratio, least_ratio))
+    # Depth changes all shadows alike, so that a second prediction suffices.
     setting = replace(setting, lacking=depth_ratio)
     return setting, *_predict_shadows(silhouettes, steps, setting)
 
@@ -775,6 +809,8 @@ def _compute_excess_darkness(darkness: F32, total: F32, is_open: Mask) -> F32:
     """Return the photo's darkness (H, W) beyond the predicted `total`, continued behind
     objects.
     """
+    # The median removes texture that the clean picture misses, and the blur is a
+    # normalised convolution that ignores hidden pixels.
     weight = is_open.astype(np.float32)
     difference = cv2.medianBlur(darkness - total, 5) * weight
     remainder = _spread_into(difference, weight, SHADOW.blur_width)
@@ -795,6 +831,8 @@ def _sum_of_shadows(casts: Sequence[CastShadow], shape: tuple[int, ...]) -> F32:
 
 def _clean_share(claim_sum: F32, is_open: Mask) -> F32:
     """Return the share (H, W) of the clean picture in the plate, 0..1."""
+    # Far from all objects the plate is the photo itself: only claimed pixels change to
+    # the clean picture, along a ramp.
     lower, upper = SHADOW.claim_range
     share = np.clip((claim_sum - lower) / (upper - lower), 0, 1)
     return np.asarray(np.where(is_open, share, np.float32(1)), np.float32)
@@ -807,6 +845,8 @@ def _plate(light: F32, clean_light: F32, total: F32, tint: F32, share: F32) -> F
     """
     plate = np.empty_like(light)
     for channel in range(3):
+        # Add the darkness of shadows in the logarithm, that is divide by their
+        # remaining light; `tint` is the relative darkness of each channel.
         log_light = _log(light[..., channel]) + total * tint[channel]
         difference = _log(clean_light[..., channel]) - log_light
         plate[..., channel] = cv2.exp(log_light + share * difference)
@@ -843,6 +883,8 @@ def _cast(
     """Return an object's shadow at t = 0: the prediction, and the photo's part beyond
     it.
     """
+    # The photo's border cuts shadows. A shadow that will slide needs its whole shape,
+    # which geometry provides.
     residual = crop_to_visible(*residual)
     is_sliding = setting.top and is_round and first is not None
     geometry = unbounded_shadow(start, setting, step) if is_sliding else first
@@ -868,6 +910,8 @@ def _share_beyond_floor(
     box, picture = residual
     if start.floor is None or np.isfinite(setting.backdrop) or not picture.size:
         return None
+    # The residual beyond the end of the floor lies on other ground in the photo, and
+    # may stay visible there.
     shares = floor_share(start.ends, setting, box, start.floor)
     if setting.light.is_soft:
         # The tilt of the floor is a guess then: it reaches as far as its shade.
@@ -880,6 +924,8 @@ def _near_share(setting: ShadowSetting, box: PixelBox, floor: float) -> F32:
     """Return the share (h, 1) of a box's rows before the far end of a floor at a row
     `floor`.
     """
+    # The far end is as far behind the object as the tilt of the floor makes the width
+    # of the picture appear.
     rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
     end = floor - setting.tilt * setting.size[0]
     return np.asarray(np.clip(rows - np.float32(end) + 0.5, 0, 1), np.float32)
@@ -895,6 +941,8 @@ def _leaning(casts: list[CastShadow]) -> list[CastShadow]:
         if cast.sliding is None:
             continue
         corner, picture = cast.sliding
+        # The centre of mass of the shadow's darkness is its place. Offsets are divided
+        # by the thickness of the object, since a taller object has a longer shadow.
         moments = cv2.moments(np.maximum(picture, 0))
         mass = moments["m00"]
         if mass <= 0:
@@ -903,6 +951,7 @@ def _leaning(casts: list[CastShadow]) -> list[CastShadow]:
         places.append(cast.start.center)
         offsets.append((middle - cast.start.center) / cast.start.thickness)
         masses.append(mass)
+    # Two offsets always lie on a line, and would prove a lamp anywhere.
     if len(masses) < SHADOW.shadows:
         return casts
     slope = _offset_slope(np.array(places), np.array(offsets), np.array(masses))
@@ -921,12 +970,18 @@ def _offset_slope(places: F64, offsets: F64, masses: F64) -> float | None:
 
     Under a near lamp, shadows point away from it, and the farther the longer.
     """
+    # Under a near lamp, the offset is proportional to the distance from the point below
+    # the lamp: a line with one slope for both axes. Subtracting the means removes the
+    # place of the lamp.
     place = places - np.average(places, axis=0, weights=masses)
     offset = offsets - np.average(offsets, axis=0, weights=masses)
     weight = masses[:, None]
     spread = float((weight * place**2).sum())
     slope = float((weight * place * offset).sum()) / max(spread, 1e-9)
     variance = max(float((weight * offset**2).sum()), 1e-9)
+    # With a negative slope, shadows would point towards the lamp. The explained share
+    # of the variance is slope² * spread / variance; a small share means that the
+    # offsets have other causes, such as errors of the shadows.
     if slope <= 0 or slope**2 * spread / variance < SHADOW.lean_variance:
         return None
     return slope
@@ -972,12 +1027,17 @@ def crop_to_visible(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
 
 def shadow_grid_step(silhouette: Silhouette) -> int:
     """Return the side of the grid cells for an object's shadow, px."""
+    # The step grows with the object, so that its shadow always has about the same
+    # number of cells.
     height, width = silhouette.coverage.shape
     return max(1, min(int(np.sqrt(height * width)) // SHADOW.cells, 8))
 
 
 def _spread_into(values: F32, weight: F32, sigma: float) -> F32:
     """Blur known values, which fade in unknown pixels."""
+    # Normalised convolution: the mean of known values only. The lower bound avoids a
+    # division by almost nothing; with less than a quarter of known weight, the mean
+    # fades to 0.
     norm = blurred(weight, sigma)
     mean = blurred(values, sigma) / np.maximum(norm, 0.02)
     return np.asarray(mean * np.clip(norm * 4, 0, 1), np.float32)
@@ -985,17 +1045,24 @@ def _spread_into(values: F32, weight: F32, sigma: float) -> F32:
 
 def _tint(light: F32, clean_light: F32, darkness: F32, is_open: Mask) -> F32:
     """Fit each channel's darkening (3,) to that of the luminance by least squares."""
+    # Only deep shadows determine a colour: in faint ones the noise of the photo is as
+    # large as the difference of the channels.
     in_shadow = is_open & (darkness > 0.3)
     light, clean_light, darkness = (
         light[in_shadow],
         clean_light[in_shadow],
         darkness[in_shadow][:, None],
     )
+    # Codes next to black are too coarse for a logarithm, and few pixels give no
+    # reliable slope.
     is_measurable = (light.min(axis=1) > 2e-3) & (clean_light.min(axis=1) > 2e-3)
     if np.count_nonzero(is_measurable) < 200:
         return np.ones(3, np.float32)
     darkness = darkness[is_measurable]
     channels = np.log(clean_light[is_measurable] / light[is_measurable])
+    # Least squares through the origin: without a shadow, no channel is darker. Sky
+    # light makes shadows slightly bluish; the limits exclude errors of the clean
+    # picture.
     slope = (channels * darkness).sum(axis=0) / (darkness * darkness).sum()
     return np.asarray(np.clip(slope, 0.85, 1.15), np.float32)
 
@@ -1011,6 +1078,8 @@ def _claims(
     """
     claims: list[tuple[PixelBox, F32]] = []
     for start, shadow in zip(starts, firsts, strict=True):
+        # Darkness near an object is probably its own. A few pixels are added for tiny
+        # objects.
         reach = SHADOW.claim_reach * min(start.coverage.shape) + 4
         box = _claim_box(start, shadow, ceil(2 * reach), size)
         if box[2] <= box[0] or box[3] <= box[1]:
@@ -1023,6 +1092,9 @@ def _claims(
         claim = np.exp(-((distance / reach) ** 2)).astype(np.float32)
         if shadow is not None:
             shadow_picture = _picture_in_box(shadow, box)
+            # A predicted shadow is stronger evidence than the distance: its weight lets
+            # it win against a near neighbour. Its blurred copy also claims the
+            # surroundings, since predictions are displaced by some pixels.
             claim += 4 * shadow_picture + 4 * blurred(shadow_picture, 0.6 * reach)
         claims.append((box, claim))
     return claims
@@ -1071,6 +1143,7 @@ def _sum_claims(
         is_larger = claim > largest[part]
         largest[part][is_larger] = claim[is_larger]
         owner[part][is_larger] = number
+    # A pixel with hardly any claim has no owner.
     owner[total <= SHADOW.claim_range[0]] = 0
     return total, owner
 
@@ -1095,6 +1168,9 @@ class _Difference:
 
 def _compare_darkness(darkness: F32, total: F32, is_open: Mask) -> _Difference:
     """Compare the photo's darkness (H, W) with the predicted `total`."""
+    # Split the difference: up to the predicted darkness, a brighter photo means that a
+    # part of the prediction is missing. The rest is darkness that no prediction
+    # explains.
     residual = _compute_excess_darkness(darkness, total, is_open)
     lack = np.clip(-residual, 0, np.maximum(total, 0))
     share = lack / np.maximum(total, np.float32(SHADOW.least_darkness))
@@ -1118,10 +1194,15 @@ def _claimed_darkness(
     if not own_claim.size:
         return claim
     all_claims = claim_sum[y0:y1, x0:x1] + np.float32(SHADOW.claim_range[0])
+    # 2 * share - 1 is the excess of the own claim over that of all others, relative to
+    # their sum. Darkness that two objects claim alike goes to neither: it stays in the
+    # plate and does not move with the wrong one.
     share = own_claim / all_claims
     rest = difference.excess
     own_part = rest[y0:y1, x0:x1] * np.maximum(2 * share - 1, 0)
     if first is not None:
+        # The prediction will be added with the residual: subtract the share that the
+        # photo does not show.
         (left, top, right, bottom), prediction = first
         lack = difference.lack[top:bottom, left:right] * prediction
         own_part[top - y0 : bottom - y0, left - x0 : right - x0] -= lack

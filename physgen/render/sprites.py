@@ -147,6 +147,9 @@ class Relief:
 
     def ratio(self, turn: float) -> F32:
         """Return the factor (h, w) of light after a rotation by `turn` rad."""
+        # The normals turn with the object, and the light does not: n·l after a rotation
+        # is cos * (n·l) - sin * (n·l of the light turned by a quarter), plus the part
+        # along the view. Light behind a surface counts as none.
         facing: F32 = np.asarray(
             cv2.addWeighted(
                 self.plane_light, cos(turn), self.cross_light, -sin(turn), 0.0
@@ -183,6 +186,8 @@ def relief_of(normals: F32, object_mask: Mask, light: DistantLight) -> Relief | 
     if not object_mask.any() or light.intensity <= 0:
         return None
     continued_normals = _carried_normals(normals, object_mask)
+    # Divide by the photo's own shading, since the sprite already contains it. A lower
+    # bound keeps dark pixels from becoming infinitely bright after a turn.
     shade = np.maximum(lambert(light, continued_normals), np.float32(0.05))
     x, y, z = (np.float32(light.intensity * part) / shade for part in light.direction)
     relief = Relief(
@@ -196,6 +201,8 @@ def relief_of(normals: F32, object_mask: Mask, light: DistantLight) -> Relief | 
         view_light=np.asarray(continued_normals[..., 2] * z, np.float32),
         ambient_light=np.asarray(np.float32(light.ambient) / shade, np.float32),
     )
+    # A flat picture, or one under frontal light, looks the same at any rotation: it
+    # needs no relief.
     changes = []
     for turn in TURNS:
         ratio = relief.ratio(turn)[object_mask]
@@ -218,6 +225,7 @@ def _carried_normals(normals: F32, object_mask: Mask) -> F32:
         result[is_reached] = spread[is_reached] / norm[is_reached][:, None]
         weight[is_reached] = 1.0
     result[weight == 0] = (0.0, 0.0, 1.0)
+    # The mean of unit vectors is shorter than 1: Lambert's law needs unit vectors.
     result /= np.maximum(np.linalg.norm(result, axis=2, keepdims=True), 1e-6)
     return result
 
@@ -258,6 +266,9 @@ class Sides:
 
         `matrix` (2, 3) leads from the picture to the sprite.
         """
+        # The row in the sprite of a pixel (x, y) is matrix_x x + matrix_y y + shift.
+        # Rows above `first` belong to the top; within one pixel of this row the share
+        # is a ramp, so that the border stays smooth in motion.
         matrix_x, matrix_y, shift = matrix[1].astype(np.float32)
         height, width = shape
         x = np.arange(width, dtype=np.float32)
@@ -281,6 +292,7 @@ class Sides:
         sides = np.asarray(block - coverage, np.float32)
         if self.light is None:
             return sides, np.ones(block.shape[1], np.float32)
+        # After a quarter turn, another pair of sides of the block is up.
         angle = turn % (np.pi / 2)
         left, right, top = self._face_light(angle)
         corner = _top_corner(block, is_left=angle < np.pi / 4)
@@ -296,6 +308,8 @@ class Sides:
         `side` and `shade` are those of `draw`; `matrix` (2, 3) leads from the picture
         to the sprite.
         """
+        # Each column has one shade, that of the side below it; the photo's own top
+        # covers it as long as it is visible.
         colours = np.empty((*side.shape, 3), np.float32)
         colours[:] = shade[:, None] * self.colour
         if self.top is None or not self.top.is_visible(turn):
@@ -419,6 +433,8 @@ class Sprite:
         pixels = np.column_stack([columns, rows]).astype(np.int32)
         points = cv2.convexHull(pixels).reshape(-1, 2)
         angle = np.arange(CUT.sides) * (2 * np.pi / CUT.sides)
+        # The reach in each of the directions bounds the object: the polygon
+        # circumscribes all pixels, and is never smaller than the object.
         normals = np.column_stack([np.cos(angle), np.sin(angle)])
         reach = (points @ normals.T).max(axis=0)
         # Corners are the intersections of neighbouring sides.
@@ -446,6 +462,8 @@ class Sprite:
         assert self.halo is not None
         (x, y), picture, _ = self.halo
         height, width = picture.shape[:2]
+        # Move the pixels of the object from the sprite's box to the box of the halo,
+        # which may be smaller.
         rows, columns = np.nonzero(self.coverage > 0)
         rows = rows + self.corner[1] - y
         columns = columns + self.corner[0] - x
@@ -519,6 +537,8 @@ def cut_sprites(
         if part is not None:
             hidden_parts[k] = part
             boxes[k + 1] = part.box
+    # Absent objects share borders with the others, although the scene has no sprite of
+    # them: the blurs below must know them.
     is_object = (labels > 0) | absent
     cutter = _Cutter(
         photo=decode(rgb),
@@ -582,6 +602,8 @@ class _Cutter:
         # leaves.
         no_pixels = np.zeros(mask.shape, np.bool_)
         touching_numbers = _nearest(others, no_pixels, CUT.gap)
+        # The order matters: light and coverage come from the photo, then hidden parts
+        # continue them, since a continuation needs the object's own light.
         gain = self._border_gain(mask, touching_numbers > 0, box, self._is_disc(k))
         light, alpha = self._foreground(k, mask, box, gain)
         has_neighbour = bool((dilate(is_other, CUT.clean_depth) & mask).any())
@@ -654,6 +676,9 @@ class _Cutter:
 
     def _coverage(self, mask: Mask, box: tuple[slice, slice]) -> tuple[F32, F32]:
         """Return an object's share of the covered pixels, and its coverage."""
+        # At a border pixel, all objects together have the measured coverage. Divide it
+        # among them by their blurred masks: the narrow blur decides next to a mask, and
+        # the wide one farther out, as at hair or motion blur.
         wide_blur = _blur_mask(mask, CUT.blur)
         narrow_blur = _blur_mask(mask, CUT.touch_width)
         own_weight = narrow_blur + CUT.blur_weight * wide_blur
@@ -661,6 +686,7 @@ class _Cutter:
         share = np.asarray(own_weight / np.maximum(all_weights, 1e-9), np.float32)
         alpha = np.where(wide_blur > CUT.least_blur, self.coverage[box] * share, 0.0)
         alpha = alpha.astype(np.float32)
+        # Rounding must not let the background shine through the inside of an object.
         alpha[mask & (alpha > 0.995)] = 1.0
         return share, alpha
 
@@ -680,6 +706,9 @@ class _Cutter:
         is_lit = bool(
             not is_disc and rim.any() and photo[rim].mean() > photo[mask].mean() / 2
         )
+        # The gradient of a blurred mask points into the object: its opposite is the
+        # outward normal of the outline. Lambert's law with this normal tells how much
+        # light the border would get without the gap.
         slope_y, slope_x = np.gradient(_blur_mask(mask, CUT.clean_depth))
         slope = self.light_direction[0] * slope_x + self.light_direction[1] * slope_y
         light_cosine = -slope / np.maximum(np.hypot(slope_x, slope_y), 1e-6)
@@ -711,6 +740,8 @@ def _unshaded_top(
 
     The top is on both sides of the first row `shape_top` of its shape.
     """
+    # Compare pixels within a row, since all pixels of a row of a level top have about
+    # one distance and one angle to the light.
     is_visible = mask & ~dilate(is_other, CUT.clean_depth)
     x = np.arange(mask.shape[1])
     even_photo = photo.copy()
@@ -720,6 +751,8 @@ def _unshaded_top(
         if not is_visible[y].any():
             continue
         level = photo[y].mean(axis=1)
+        # A high percentile is the level of the lit part, even if most of the row is in
+        # shadow.
         usual_level = np.percentile(level[is_visible[y]], 70)
         is_dark[y] = is_visible[y] & (level < CUT.shade_share * usual_level)
         is_bright = is_visible[y] & ~is_dark[y]
@@ -759,6 +792,8 @@ def _find_hidden_part(
     )
     if not shape_cover.size:
         return None
+    # The box must hold the visible mask and the fitted shape, and may go beyond the
+    # former.
     right = left + shape_cover.shape[1]
     bottom = top + shape_cover.shape[0]
     x0 = min(box[0], left)
@@ -773,6 +808,8 @@ def _find_hidden_part(
     # neighbour.
     continuation = is_other & _beyond_shape(mask, is_other, cover)
     cover = np.maximum(cover, continuation.astype(np.float32))
+    # Only parts of the shape below other objects are hidden. A part of the shape over
+    # background is an error of the fit, and stays empty.
     hole = (cover >= 0.5) & is_other
     if not hole.any():
         return None
@@ -829,12 +866,16 @@ def _hiding_last(
     the one that hides more is in front. The pixels of the other one are removed from
     the `hole`.
     """
+    # Area of the hidden part of k behind each other object: the evidence that the other
+    # one is in front.
     areas = {}
     for k, part in hidden_parts.items():
         for other in order:
             area = int((part.labels[part.hole] == other + 1).sum())
             if area:
                 areas[k, other] = area
+    # `farther[x]` contains all objects behind x, also through objects in between
+    # (transitive closure).
     farther: dict[int, set[int]] = {k: set() for k in order}
     # The largest overlaps decide first; a contradiction with them, a cycle, is left
     # out.
@@ -845,6 +886,9 @@ def _hiding_last(
         for other in order:
             if other == front or front in farther[other]:
                 farther[other] |= {k} | farther[k]
+    # Topological sorting: an object is drawn as soon as all objects behind it are
+    # drawn. The first one in the given order comes first, so that free choices keep
+    # this order.
     remaining, drawing_order = list(order), []
     while remaining:
         k = next(k for k in remaining if farther[k].isdisjoint(remaining))
@@ -872,6 +916,8 @@ def _complete_hidden_part(
     is_reliable = mask & ~dilate(part.others, CUT.clean_depth + 1) & (gain < CUT.faces)
     if np.count_nonzero(is_reliable) < CUT.free_share * np.count_nonzero(mask):
         is_reliable = mask
+    # Light is a product of reflectance and shading. Its logarithm is a sum, in which a
+    # smooth fill continues shading without a bias to bright pixels.
     level = np.log(photo + np.float32(CUT.least_light))
     filled_level = harmonic_fill(level, ~is_reliable) + _mirrored_texture(
         level, is_reliable
@@ -880,7 +926,10 @@ def _complete_hidden_part(
     # The rim of a ball follows from its light.
     if not is_disc:
         filled_level += _rims(level, filled_level, is_reliable, object_mask)
+    # Leave the logarithm again, without the constant that kept black finite.
     filling = np.maximum(np.exp(filled_level) - np.float32(CUT.least_light), 0)
+    # The coverage is known in the photo, except near the hole: there it follows from
+    # the completed mask.
     zone = dilate(part.hole, CUT.clean_depth + 1)
     edge = np.clip(2 * _blur_mask(object_mask) - 0.5, 0, 1)
     full_cover = np.maximum(alpha, np.minimum(edge, total_coverage))
@@ -931,6 +980,8 @@ def _rims(level: F32, filling: F32, reliable: Mask, object_mask: Mask) -> F32:
 
     Rounded edges change the `level` of light with their depth, not along the outline.
     """
+    # Rings of equal distance from the outline: a rounded edge has about one brightness
+    # along each ring.
     padded_mask = np.pad(object_mask, 1).astype(np.uint8)
     depth = np.rint(cv2.distanceTransform(padded_mask, cv2.DIST_L2, 3)[1:-1, 1:-1])
     inner = harmonic_fill(level, ~(reliable & (depth > CUT.rim)), CUT.fill_error)
@@ -1076,6 +1127,7 @@ def _halo(
     x, y, width, height = cv2.boundingRect(is_own.astype(np.uint8))
     if not width:
         return None
+    # Four standard deviations contain the whole blur of the shares.
     margin = max(ceil(4 * CUT.rest_width), CUT.gap)
     x0 = max(x - margin, 0)
     y0 = max(y - margin, 0)
@@ -1116,6 +1168,8 @@ def _nearest(top: NDArray[np.int32], absent: Mask, reach: int) -> NDArray[np.int
     is_seed = (top > 0) | absent
     if not is_seed.any():
         return np.zeros_like(top)
+    # The labels of the distance transform number the nearest seed pixel; a table by
+    # this number returns its object.
     distance, places = cv2.distanceTransformWithLabels(
         (~is_seed).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -1193,6 +1247,9 @@ def _foreground(
     opacity = alpha[..., None]
     # Invert the composition photo = object + (1 - alpha) * background.
     own_light = np.clip(photo - (1 - opacity) * background, 0, None)
+    # The difference above is uncertain for pixels with little coverage: an error of the
+    # background is as large there as the object's light. Trust rises with the coverage,
+    # and needs a pixel that belongs to this object almost alone.
     lowest_trust, full_trust = TRUST
     trust = np.clip(
         ((1 + is_disc) * opacity - lowest_trust) / (full_trust - lowest_trust), 0, 1
@@ -1205,6 +1262,7 @@ def _foreground(
         most_light, own_light - _leak(photo, background, alpha, is_border)
     )
     own_light[is_border] = np.minimum(own_light, most_light)[is_border]
+    # Uncertain pixels get the light of the inside in proportion to their coverage.
     mixed_light = trust * own_light + (1 - trust) * opacity * inner_light
     light = np.where(opacity > 0, mixed_light, 0)
     least_light = gain[..., None] * opacity * inner_light
@@ -1238,6 +1296,8 @@ def _carried_light(photo: F32, reliable: Mask, target: Mask) -> F32:
         norm = cv2.GaussianBlur(weight, (0, 0), sigma)
         blurred_light = cv2.GaussianBlur(photo * weight[..., None], (0, 0), sigma)
         is_reached = ~is_known & (norm > 1e-3)
+        # Normalised convolution: divide the blurred light by the blurred weight, so
+        # that unknown pixels count nothing.
         light[is_reached] = blurred_light[is_reached] / norm[is_reached][:, None]
         is_known |= is_reached
     return light

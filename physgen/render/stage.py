@@ -66,6 +66,7 @@ def place_sprite(
     `space` (3, 3): a ball's rotation so far; None if there is none, or if only the
     angle is known.
     """
+    # An object at its place shows the photo's own pixels, without any interpolation.
     turn = pose.angle - start.angle
     is_turned_ball = sprite.ball is not None and space is not None
     if turn == 0.0 and pose[:2] == start[:2] and not is_turned_ball:
@@ -116,6 +117,7 @@ def _turned_box(
         x, y = corner_x - start.x, corner_y - start.y
         xs.append(c * x - s * y + pose.x)
         ys.append(s * x + c * y + pose.y)
+    # Sides of a block rise above its front.
     upper_margin = SPREAD
     if sprite.sides is not None:
         upper_margin += sprite.sides.depth
@@ -130,6 +132,8 @@ def _place_ball(
     if space is None:
         space = np.eye(3)
         space[:2, :2] = rotation(pose.angle - start.angle)
+    # The picture of a ball is the same in every orientation, apart from its skin: light
+    # comes from outside.
     dx, dy = pose.x - start.x, pose.y - start.y
     lx, ly, hx, hy = sprite.covered_box
     x, y = sprite.corner[0] + dx, sprite.corner[1] + dy
@@ -174,6 +178,8 @@ def draw_sprite(
     # The conversion keeps the first three channels.
     light = np.asarray(cv2.cvtColor(warped_sprite, cv2.COLOR_BGRA2BGR), np.float32)
     coverage = np.asarray(cv2.extractChannel(warped_sprite, 3), np.float32)
+    # The order follows the light: shading by the relief, glints that do not turn, then
+    # parts that move on their own.
     if sprite.relief is not None and placement.turn != 0.0:
         ratio = sprite.relief.ratio(placement.turn)
         ratio = _warp_picture(ratio, matrix, fine_size, cv2.BORDER_REPLICATE)
@@ -191,6 +197,8 @@ def draw_sprite(
             coverage * visible_share,
         )
     if samples > 1:
+        # The mean over the samples of a pixel avoids stairs at edges that the photo's
+        # own optics had blurred.
         area = cv2.INTER_AREA
         light = np.asarray(cv2.resize(light, size, interpolation=area), np.float32)
         small_coverage = cv2.resize(coverage, size, interpolation=area)
@@ -266,6 +274,8 @@ def borders_left(sprites: Sequence[Sprite], visible: Sequence[SpritePose]) -> F3
     all_moves = np.full((count, 3), np.inf)
     all_moves[0] = 0
     all_moves[[sprites[stand.k].body + 1 for stand in visible]] = own_moves
+    # Two objects that move alike keep their common border: the difference of their
+    # displacements counts, and the largest of its components.
     distance = np.abs(own_moves[:, None] - all_moves)
     radii = [max(sprites[stand.k].coverage.shape) / 2 for stand in visible]
     # Convert a turn to the displacement of the sprite's outermost point, px.

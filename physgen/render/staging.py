@@ -138,6 +138,8 @@ def lit_stage(
     `background` (H, W, 3) sRGB with the objects' shadows; `coverage` (H, W) of all
     objects, also of `absent` ones; `labels` (H, W): id k + 1 is body k.
     """
+    # The order is fixed: shapes first, then their shadows, and light on sprites at
+    # last, since veils and reflections depend on all shapes.
     source = _PhotoScene(scene, world, maps, background, coverage, absent, labels)
     sprites = _complete_sprites(source, sprites)
     if scene.render.smooth_outlines:
@@ -493,6 +495,8 @@ def thickness(body: Body, top: bool) -> float:
         if body.solid is Solid.SPHERE or not top:
             return 2 * body.radius
         return STAGING.disc_height * body.radius
+    # The photo has no depth of a body. The geometric mean of its sides is a guess for
+    # its third side.
     points = np.concatenate(body.pieces)
     width, height = np.ptp(points, axis=0).tolist()
     depth = STAGING.thickness * np.sqrt(width * height) * (0.6 if top else 1.0)

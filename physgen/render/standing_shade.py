@@ -125,18 +125,24 @@ def measure_base_motion(
 
     `floor_drop`: displacement of the floor below the object, px down.
     """
+    # Rotate the corners of the base with the object; the lowest one, with the largest
+    # y, is the point on which the object rocks.
     turn = pose.angle - start.angle
     offsets = points - (start.x, start.y)
     moved_points = offsets @ rotation(turn).T + (pose.x, pose.y)
     k = int(np.argmax(moved_points[:, 1]))
     pivot, moved_pivot = points[k].tolist(), moved_points[k].tolist()
     left, right = points[:, 0].min(), points[:, 0].max()
+    # The corner may stand on the floor or slightly beside it, as masks are inexact. The
+    # shade stays on the floor within the slack of a tilted base.
     drop = moved_pivot[1] - float(points[:, 1].max())
     slack = STANDING.slack * abs(sin(turn)) * (right - left)
     shift = (
         moved_pivot[0] - pivot[0],
         min(max(drop, floor_drop - slack), floor_drop + slack),
     )
+    # The lift grows linearly along the base from the pivot: its slope is the tangent of
+    # the rotation, limited before it becomes infinite.
     return BaseMotion(
         shift=shift,
         pivot=moved_pivot[0],
@@ -213,10 +219,15 @@ class StandingShade:
     def _level_weights(self, lifts: F32) -> F32:
         """Return the weight of each level in each column, (levels, w)."""
         heights = np.maximum(lifts, 0)
+        # The penumbra widens in proportion to the height over the floor. Levels are
+        # copies of the shade with fixed blurs: interpolate linearly between the two
+        # next ones.
         sigmas = np.float32(STANDING.penumbra) * heights
         count = len(STANDING.sigmas)
         places = np.interp(sigmas, STANDING.sigmas, np.arange(count))
         weights = np.maximum(1 - np.abs(places - np.arange(count)[:, None]), 0)
+        # More light comes below a higher base: the shade is half as dark at a lift of
+        # `half_lift` times the side of the object.
         light_share = 1 / (1 + heights / np.float32(STANDING.half_lift * self.side))
         return np.asarray(weights * light_share, np.float32)
 
@@ -226,11 +237,14 @@ class StandingShade:
 
         `weights`: (levels, w).
         """
+        # Positions count from the centres of pixels; the centre of cell 0 is half a
+        # step from the corner.
         cell_rows = (rows + np.float32(0.5)) / np.float32(self.step) - np.float32(0.5)
         cell_columns = (columns + np.float32(0.5)) / np.float32(self.step)
         cell_columns = np.repeat(cell_columns[None] - np.float32(0.5), len(rows), 0)
         darkness = np.zeros((*rows.shape, 3), np.float32)
         for level, level_weights in zip(self._levels, weights, strict=True):
+            # Each level is needed in few columns, as the lift changes along the base.
             used = np.flatnonzero(level_weights)
             if not len(used):
                 continue
@@ -276,6 +290,8 @@ def split_contact_shade(
     if not len(points) or not shade.size:
         return None
     side = float(min(start.coverage.shape))
+    # Shade behind the object and in its blurred border is unknown: continue the shade
+    # of the surroundings into it.
     cover = _covered_pixels(start, box)
     hole = _dilated(cover, STANDING.ring) & ~measured_mask | _dilated(cover, 1)
     whole_shade = _continue_into(shade, hole)
@@ -283,6 +299,8 @@ def split_contact_shade(
     if share is None:
         return None
     rest = np.asarray((1 - share) * whole_shade.mean(axis=2), np.float32)
+    # Store only the window with a visible share, in cells of the object's size: the
+    # shade is smooth.
     x, y, width, height = cv2.boundingRect((share > LEAST_SHARE).astype(np.uint8))
     window = np.s_[y : y + height, x : x + width]
     step = min(max(int(side / STANDING.side_per_step), 1), STANDING.largest_step)
@@ -306,6 +324,8 @@ def _continue_into(shade: F32, hole: Mask) -> F32:
     height, width = hole.shape
     step = max(min(STANDING.fill_step, height // 4, width // 4), 1)
     cells = (ceil(width / step), ceil(height / step))
+    # A coarse grid suffices, since the continuation is smooth; means over the known
+    # pixels of a cell keep their level.
     known = np.asarray(~hole, np.float32)
     share = cv2.resize(known, cells, interpolation=cv2.INTER_AREA)
     sums = cv2.resize(shade * known[..., None], cells, interpolation=cv2.INTER_AREA)
@@ -328,6 +348,8 @@ def _contact_share(cover: Mask, points: F64, top: int, side: float) -> F32 | Non
 
     `cover` (h, w): pixels of the object, whose first row is at row `top` of the photo.
     """
+    # The base is the lowest part of the visible pixels. Shade belongs to the contact in
+    # proportion to exp(-(distance / reach)²).
     foot = float(points[:, 1].max())
     first_row = foot - STANDING.base_height * side - top
     is_base = cover.copy()

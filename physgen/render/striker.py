@@ -165,6 +165,7 @@ def find_strikes(world: World) -> list[Strike]:
     for k in list(strikes):
         if world.bodies[k].motion is not Motion.DYNAMIC:
             del strikes[k]
+    # A hand cannot push two bodies of one assembly at once.
     for joint in world.joints:
         first, second = joint.first, joint.second
         if second is None or first not in strikes or second not in strikes:
@@ -195,6 +196,8 @@ def _way(stage: Stage, world: World, strike: Strike, form: Form, pose: F64) -> _
         STRIKER.largest_radius_share * body.reach,
     )
     radius = max(radius, STRIKER.least_radius)
+    # The tip touches the rim opposite to the push, from outside: its centre is one
+    # radius before the rim.
     arm = _rim(body, float(pose[2]), -push, strike.point) - radius * push
     scale = radius / form.tip
     reach = 2 * form.largest_radius

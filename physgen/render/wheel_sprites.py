@@ -127,7 +127,11 @@ class WheelSprite:
     def _box(self, shape: tuple[int, ...], matrix: Array) -> tuple[slice, slice] | None:
         """Return the pixels of a picture in which the wheel may be visible."""
         inverse = np.linalg.inv(matrix[:, :2])
+        # `matrix` leads from the picture to the sprite: its inverse places the wheel in
+        # the picture.
         x, y = inverse @ (np.array(self.center) - matrix[:, 2])
+        # The largest row sum of the inverse bounds the extent of the transformed circle
+        # along both axes.
         reach = (self.radius + 2) * float(np.abs(inverse).sum(axis=1).max())
         left = max(floor(x - reach), 0)
         right = min(ceil(x + reach) + 1, shape[1])

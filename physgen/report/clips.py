@@ -203,6 +203,7 @@ def clips_in(roots: Sequence[Path]) -> list[Clip]:
             missing.append(Message.NOT_A_CLIP_FOLDER.error(str(root)))
     if missing:
         raise InputError(problem for error in missing for problem in error.problems)
+    # Roots may contain each other: real paths remove repetitions.
     found: dict[Path, Clip] = {}
     for root in roots:
         for clip in _find_clips(root):

@@ -83,11 +83,15 @@ def spectrogram(track: SoundTrack) -> U8:
     heard = track.samples.astype(np.float32).mean(axis=1)
     # At least one window, for a very short track.
     heard = np.pad(heard, (0, TUNING.window))
+    # Windows are so far apart that there is about one for each column of the picture.
     hop = max((len(heard) - TUNING.window) // TUNING.width, 1)
     parts = np.lib.stride_tricks.sliding_window_view(heard, TUNING.window)[::hop]
+    # A window that falls to zero at both ends keeps a tone from spreading over all
+    # frequencies.
     parts = parts * np.hanning(TUNING.window).astype(np.float32)
     power = np.abs(np.fft.rfft(parts, axis=1))
     bins = int(TUNING.top * TUNING.window / RATE)
+    # Row 0 of a picture is at its top: put the highest frequency there.
     shown = power[:, :bins].T[::-1]
     # The small numbers avoid the logarithm of zero in silence.
     level = 20 * np.log10(shown / max(float(shown.max()), 1e-9) + 1e-9)

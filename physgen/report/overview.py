@@ -108,11 +108,13 @@ def draw_overview(
         style = cv2.INTER_AREA
     else:
         style = cv2.INTER_CUBIC
+    # The photo is dimmed, so that outlines and names stand out on any background.
     small = cv2.resize(rgb, size, interpolation=style).astype(np.float32)
     picture = np.asarray(DIM * small + 0.5, np.uint8)
     pen = max(1.6, PEN * max(size))
     objects = _regions(labels, document.get("objects", {}), scale)
     doubtful = _regions(labels, document.get("doubtful", {}), scale)
+    # The order is from the background to names, which nothing may cover.
     _draw_supports(picture, document.get("boundaries", {}), scale, pen)
     _draw_doubtful(picture, doubtful, pen)
     _draw_objects(picture, objects, pen)
@@ -132,6 +134,7 @@ def _regions(
         if not isinstance(id_, int) or id_ not in boxes:
             continue
         left, top, right, bottom = boxes[id_]
+        # Trace each mask within its own box only, as photos have many small objects.
         outline = mask_rings(labels[top:bottom, left:right] == id_)
         # Scaling about the corner of the picture, while pixel centres are integers.
         offset = np.array([left, top]) + 0.5
@@ -146,6 +149,8 @@ def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:
     """Return left, top, right and bottom px of every id; right and bottom are
     exclusive.
     """
+    # One pass over all labelled pixels finds the boxes of all ids; a pass for each id
+    # would take longer.
     rows, columns = np.nonzero(labels)
     ids = labels[rows, columns]
     count = int(labels.max(initial=0)) + 1
@@ -231,6 +236,7 @@ def _write_names(picture: U8, regions: Sequence[_Region], letter: float) -> None
     for region in regions:
         width = text_width(region.text, letter) + 2 * room
         high = letter + 2 * room
+        # Tags are placed one after the other: each one avoids those before it.
         box = _place(region, (width, high), _size(picture), places)
         places.append(box)
         left, top, right, bottom = box
@@ -254,6 +260,7 @@ def _place(
     """
     (width, high), (left, top, right, bottom) = size, region.box
     x, y = region.center
+    # In order of preference: a tag above its object hides the least of the picture.
     centers = (
         (x, top - high / 2),
         (x, bottom + high / 2),

@@ -341,6 +341,8 @@ def _draw_masks(rgb: U8, labels: U16, scale: float) -> U8:
     result = np.where(
         (labels > 0)[..., None], 0.4 * grey + 0.6 * _colours(labels), 0.55 * grey
     )
+    # A border pixel has several ids in its neighbourhood: the largest and the smallest
+    # then differ.
     kernel = np.ones((2 * max(1, round(scale)) + 1,) * 2, np.uint8)
     # OpenCV erodes float32, but not int32.
     ids = labels.astype(np.float32)
@@ -362,6 +364,7 @@ def _draw_outlines(
     size = picture.shape[1], picture.shape[0]
     pale_photo, lines = _u8(0.62 * picture.astype(np.float32)), Layer(size, 0.8)
     for chain in walls:
+        # Scaling moves the border of pixels, half a pixel before their centres.
         lines.line((chain + 0.5) * scale - 0.5, 2.2)
     lines.blend(pale_photo, SUPPORT)
     for number, rings in objects:
@@ -451,6 +454,8 @@ def light_picture(light: Light, size: tuple[int, int]) -> U8:
         height, width, (float(center[0]), float(center[1])), radius
     )
     lamp = DistantLight(light.direction, light.intensity, light.ambient)
+    # The brightest point of the ball is slightly below white, so that its shading
+    # remains visible.
     shades = 0.86 * lamp.shade(normals) / max(light.ambient + light.intensity, 1e-6)
     linear = np.where(inside, np.maximum(shades, 0.012), 0.04).astype(np.float32)
     return np.repeat(encode_u8(linear)[..., None], 3, 2)

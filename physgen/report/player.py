@@ -345,6 +345,8 @@ def _measure_darkening(
             stand.placement,
             sprite_coverage(stage.sprites[stand.k], stand.placement),
         )
+    # A shadow may consist of several pictures: they are joined into one, as the page
+    # draws one picture for each object.
     parts = list(lit.move_shadow(stand.k, now, stand.start, stand.pose))
     # `move_shadow` leaves out the shade at the base of an object that rocks.
     contact = None
@@ -414,6 +416,7 @@ def _largest_impacts(world: World, samples: Trajectory) -> list[Impact]:
 
 def _code_steps(samples: Trajectory) -> dict[str, float]:
     """Return the units of the page's integers."""
+    # The page stores integers: a unit is the largest value by the number of codes.
     fastest = float(np.abs(samples.velocities[..., :2]).max(initial=0.0))
     spin = float(np.abs(samples.velocities[..., 2]).max(initial=0.0))
     return {
@@ -438,6 +441,7 @@ def player_data(
     T, N = len(trajectory.times), len(world.bodies)
     if not T or LIMITS.max_samples < T * N:
         return None
+    # A page must load quickly: motion with too many samples has no player at all.
     samples, impacts = trajectory, list[Impact]()
     # Contacts between frames need finer samples than the video's.
     if N and T > 1 and trajectory.effort.steps * N <= LIMITS.effort:
@@ -576,6 +580,7 @@ def _energy(samples: Trajectory) -> Data:
         "dissipated": e.dissipated,
         "work": e.work,
     }
+    # One unit for all four curves, because the page adds and compares them.
     step = (
         max(float(np.abs(values).max(initial=0.0)) for values in rows.values())
         / LIMITS.codes
@@ -622,6 +627,9 @@ def _total_impulses(samples: Trajectory) -> Array:
     codes = _pair_codes(contacts.touch_pairs, surface_count)
     begins = contacts.touch_times[:, 0]
     totals = np.zeros(len(contacts.touch_pairs))
+    # Touches of one pair are sorted by their begin: bisection finds the last touch that
+    # began before an impulse. An impulse in the instant of a begin belongs to it, and
+    # one before the first touch to the first.
     for code in np.unique(codes).tolist():
         rows = np.flatnonzero(codes == code)
         indices = np.flatnonzero(codes_of_impulses == code)
@@ -710,6 +718,8 @@ def _camera(shot: Shot) -> list[list[float]] | None:
     """
     views: list[list[float]] = []
     for time in shot.times.tolist():
+        # The camera maps a photo place p to large * p + shift. Pixel -0.5 of the video
+        # is its border: invert the map there.
         (large, _, x), (_, _, y) = shot.affine(time)
         left, top = (-0.5 - x) / large, (-0.5 - y) / large
         views.append(
@@ -718,6 +728,7 @@ def _camera(shot: Shot) -> list[list[float]] | None:
                 for v in (left, top, shot.video[0] / large, shot.video[1] / large)
             ]
         )
+    # A view that differs by less than a pixel is the whole photo.
     canvas = [-0.5, -0.5, *map(float, shot.photo)]
     if np.abs(np.array(views) - canvas).max(initial=0.0) > 1.0:
         return views

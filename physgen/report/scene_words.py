@@ -54,6 +54,7 @@ def first_sentence(text: str) -> str:
         words = sentence[0]
     else:
         words = comment
+    # Cut a long sentence at the last whole word.
     if len(words) <= LONGEST_SENTENCE:
         return words
     return words[:LONGEST_SENTENCE].rsplit(" ", 1)[0] + " …"

@@ -112,6 +112,8 @@ def _differing_keys(clips: Sequence[Clip]) -> list[tuple[KeyPath, list[Value | N
             if value is not None:
                 subject = clip.subject or only_subject
                 by_subject.setdefault(subject, set()).add(value)
+        # A key belongs to the sweep if clips of the same scene differ in it: different
+        # scenes differ anyway.
         if any(len(own_values) > 1 for own_values in by_subject.values()):
             rows.append((path, values))
     return rows
@@ -169,6 +171,7 @@ def shortest_names(paths: Sequence[str]) -> list[list[str]]:
     every_path = list(map(_path_parts, paths))
     names = []
     for parts in every_path:
+        # Add parts from the end until no other path ends alike.
         count = _least_parts(parts)
         while count < len(parts):
             duplicates = []

@@ -113,6 +113,7 @@ def _path(points: Array, world: World) -> str:
     if np.hypot(*np.ptp(points, axis=0)) < LIMITS.visible * max(world.size):
         return ""
     error = LIMITS.path_error * max(world.size) / 640
+    # Douglas and Peucker's algorithm removes points that the eye would not miss.
     kept = cv2.approxPolyDP(
         np.ascontiguousarray(points, np.float32)[:, None], error, False
     )[:, 0]

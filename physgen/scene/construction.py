@@ -370,6 +370,8 @@ def bezier_points(values: Sequence[Sequence[float]]) -> parts.Points:
         # The distance of a chord over 1/n of the parameter is at most |p''|/(8 n²).
         bend = 6 * max(np.hypot(*(a - 2 * b + c)), np.hypot(*(b - 2 * c + d)))
         count = min(max(1, ceil(sqrt(bend / (8 * SAG)))), MOST_CHORDS)
+        # Bernstein polynomials of degree 3; the last point of a curve is the first of
+        # the next one.
         t = np.arange(1, count + 1)[:, None] / count
         s = 1 - t
         points += list(s**3 * a + 3 * s**2 * t * b + 3 * s * t**2 * c + t**3 * d)
@@ -420,6 +422,7 @@ LINES = (
 
 def _joint(name: str, item: Mapping[str, Any]) -> parts.Joint:
     (kind,) = (kind for kind in parts.JointKind if kind.value in item)
+    # A kind of joint has one point, a line of points, a path over time or none.
     points: parts.Points = ()
     if kind in LINES:
         points = _points(item[kind.value])
@@ -437,6 +440,7 @@ def _field(name: str, item: Mapping[str, Any]) -> parts.Field:
     (kind,) = (kind for kind in parts.FieldKind if kind.value in item)
     zeros = dict.fromkeys(NUMBERS_OF_FIELD, 0)
     item = {"objects": (), "velocity": (0, 0), **zeros, **item}
+    # The numbers of a field are a velocity, a place, or a place with an extent.
     vector = extent = (0.0, 0.0)
     if kind is parts.FieldKind.MAGNET:
         item["objects"] = item["magnet"]

@@ -192,6 +192,7 @@ def decode(data: bytes, name: str) -> str:
             raise Message.PICTURE_FOR_SCENE.error(name) from None
         if data.startswith(b"PK\x03\x04"):
             raise Message.ZIP_FOR_SCENE.error(name) from None
+        # Line and column of the first wrong byte.
         before = data[: error.start]
         place = Place(name, before.count(b"\n") + 1, error.start - before.rfind(b"\n"))
         raise Message.NOT_UTF8.error_at(place) from None
@@ -399,6 +400,8 @@ def _path(stack: list[Node], key: str | None) -> str:
     collection.
     """
     parts: list[str | int] = []
+    # The reader is inside the last child of each open collection: its key or its number
+    # is the path.
     for node in stack:
         value = node.value
         last = node is stack[-1]

@@ -359,6 +359,8 @@ def _check_kind(tree: CheckedTree, node: Node, path: KeyPath, section: str) -> N
     kind = _find_kind(tree, node, path, KINDS[section])
     if kind is None:
         return
+    # A key of another kind has no effect. Readers of the file would believe that it has
+    # one: it is a problem rather than a warning.
     parts = children(node)
     needed = NEEDED.get(kind)
     if needed and needed not in parts:

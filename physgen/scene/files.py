@@ -196,6 +196,8 @@ def _base(
     def refused(refusal: RefusedError) -> InputError:
         return InputError([refusal.problem(link.place, "extends", shown(link.value))])
 
+    # The checks go from cheap to costly, and none of them opens a file that lies
+    # outside the permitted folder.
     if not isinstance(link.value, str) or not link.value:
         raise refused(Message.EXTENDS_NOT_PATH.refusal())
     if depth > Limit.EXTENDS.most:

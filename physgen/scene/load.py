@@ -254,6 +254,7 @@ def _problems_of_variants(
         place = children(root)["variants"].key_place
         yield from Limit.CHECKS.error(place, "variants").problems
         return
+    # Edits with wildcards multiply: count their targets before any tree is copied.
     count = 0
     left = Limit.SET.most
     for name, node in variants:

@@ -173,6 +173,8 @@ def _set(
     """Return the node with the edit's value at path[depth:]. `place_path` is the current path
     in the scene.
     """
+    # Recursion along the path: every node on the way is copied with one child changed,
+    # and all others are shared.
     if depth == len(path):
         return edit.value
     step = path[depth]

@@ -222,6 +222,7 @@ def scaled_values(
     for name, item in scene.get("objects", {}).items():
         for key, value in _scaled_push(item, record.entry(name, item), ratio).items():
             values["objects", name, key] = value
+    # Slow motion follows the scale only if its value is still that of perception.
     film = scene.get("render", {})
     before = film.get("slow", 1)
     slow = slow_motion(side, pixels_per_meter)
@@ -293,6 +294,8 @@ def apply_consequences(
     backend, pushes and playback. `written_data` is the scene's data in the file's form,
     `full_data` in numbers with defaults; `outlines` are the known ones, by object.
     """
+    # The order of dependence: labels may change the scale, the scale changes speeds and
+    # masses of all objects.
     objects = full_data["objects"]
     side = max(size)
     old_entries = _labelled_entries(written_data, objects, record, outlines)

@@ -111,6 +111,8 @@ class _Rules:
         """Width and height of each map, px."""
 
     def check(self) -> Ground:
+        # The canvas comes first: most places and sizes are checked against it. Masks
+        # need the assets.
         self.canvas()
         self.assets()
         for name, node in self.tree.objects.items():
@@ -183,6 +185,7 @@ class _Rules:
         node = self.tree.valid_keys(self.tree.root).get("assets")
         if node is None:
             return
+        # Paths in a file are relative to this file, also if another scene extends it.
         home = node.source.folder
         try:
             folder = resolve_confined(

@@ -126,6 +126,7 @@ def shape_outline(shape: Shape) -> polygon.Outline | None:
             upper_corners = [[-width, -height], [width, -height]]
             lower_corners = [[width, height], [-width, height]]
             corners = np.array(upper_corners + lower_corners) / 2
+            # Positive angles turn +x towards +y, clockwise in the image.
             turned_corners = corners @ polygon.rotation(radians(angle)).T
             ring = polygon.Ring(turned_corners + center, ())
             return polygon.Region((ring,))

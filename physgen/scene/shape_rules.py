@@ -54,6 +54,8 @@ def check_object(tree: CheckedTree, name: str, node: Node) -> None:
         tree.report(Message.EXCLUDES.problem(place, density_path, other="mass"))
     if _lacks_shape(parts, valid_keys):
         _report_no_shape(tree, name, node)
+    # Faults of an outline, of areas and of holes are reported together, so that the
+    # user can correct all at once.
     kinds = children(valid_keys.get("shape"))
     _check_solid(tree, valid_keys.get("solid"), kinds, path)
     for outline_path, outline, crossing in outlines_of(valid_keys.get("mask"), kinds):
@@ -232,6 +234,7 @@ def _check_line(tree: CheckedTree, kind: str, line: Node, path: KeyPath) -> None
     if kind == "arc":
         _check_arc(tree, children(line), path)
         return
+    # Each cubic curve has three points after the common one: 3 n + 1 points.
     if kind == "bezier" and len(items(line)) % 3 != 1:
         key: KeyPath = (*path, "bezier")
         count = len(items(line))

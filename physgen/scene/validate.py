@@ -133,6 +133,8 @@ def check_part(
         data = to_plain_data(node)
     if quick_check(schema_path, shallow)(data):
         return
+    # Only a wrong part pays for the full validator, which is much slower than the quick
+    # check.
     validator = schema_validator(schema_path, shallow)
     errors = list(islice(validator.iter_errors(data), MAX_ERRORS))
     for error in _without_consequences(errors):
@@ -375,6 +377,7 @@ class _Fault:
         schema = self._numeric()
         value = self.node.value
         assert isinstance(value, int | float)
+        # Name the limit that the value violates, and not the whole range twice.
         lowest, greatest, _ = bounds(schema)
         if value > greatest:
             side, limit_text = "above", limit(greatest)
@@ -490,6 +493,8 @@ class _Fault:
         value = self.node.value
         known_keys = list(self.schema["properties"])
         assert isinstance(value, dict)
+        # Every unknown key has its own fix: the key may be misspelt, or belong to
+        # another section.
         for key, child in value.items():
             if key in known_keys:
                 continue

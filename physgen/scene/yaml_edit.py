@@ -122,6 +122,7 @@ def _mark_tree(node: Any, text: str) -> MarkedValue:
         if style in ("|", ">"):
             # PyYAML counts the empty lines after a block scalar.
             end = begin + len(text[begin:end].rstrip())
+        # A quoted scalar is always text; a plain one may be a number or a truth value.
         if style:
             value = node.value
         else:
@@ -242,6 +243,7 @@ def are_equal(first: Any, second: Any) -> bool:
         )
     if isinstance(first, list) and isinstance(second, list):
         return len(first) == len(second) and all(map(are_equal, first, second))
+    # Python counts True and 1 as equal; YAML writes them differently.
     if isinstance(first, bool) or isinstance(second, bool):
         return first is second
     return bool(first == second)
@@ -348,6 +350,8 @@ def _first_line(text: str, parent: MarkedValue, index: int) -> int:
     if index:
         end_above = parent.children[index - 1].end
     top = first
+    # Comments directly above an entry, in its own column, belong to it and move with
+    # it.
     while top > end_above:
         line = line_begin(text, top - len(_break_before(text, top)))
         words = text[line:top].rstrip()
@@ -416,6 +420,7 @@ def _insert(text: str, path: KeyPath, value: Any) -> str:
     parent_path = path[:-1]
     index = int(path[-1])
     node = find(text, parent_path)
+    # An empty list is written as brackets: replace it as a whole.
     if not node.children:
         return _replace_value(text, parent_path, [value])
     if node.is_flow:
@@ -457,6 +462,7 @@ def _make_entry(text: str, path: KeyPath, value: Any) -> str:
         return _insert(text, path, value)
     if not node.children:
         return _replace_value(text, parent_path, {key: value})
+    # A new key goes to its place in the order of the schema, behind the keys before it.
     after = node.children[_before(node, parent_path, key)]
     if node.is_flow:
         inner = f"{_key(text, key)}: {_inline(text, value, path)}"
@@ -506,6 +512,7 @@ def _replace_value(text: str, path: KeyPath, value: Any) -> str:
             return _items(text, path, node.data(), value)
         if not node.is_flow or value.keys() & {key for key, _, _ in node.keys}:
             return _entries(text, path, node, value)
+    # The document itself has no key to keep.
     if not path:
         patches = patches or [_new_document(text, node, value)]
     elif patches is None:
@@ -531,6 +538,7 @@ def _empty_collection(text: str, path: KeyPath) -> str | None:
     node = parent.children[index]
     if parent.kind is not dict or not leads(text, entry(text, node, 0)):
         return None
+    # Write an empty collection after the key, and remove the lines of all entries.
     colon = text.index(":", parent.keys[index][2])
     empty = " []"
     if node.kind is dict:
@@ -600,6 +608,8 @@ def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
         ),
         shorter_length - head,
     )
+    # Drop surplus items first, insert missing ones, and change the rest in place: these
+    # items keep their comments.
     end_of_change = shorter_length - tail
     for index in reversed(range(end_of_change, len(old) - tail)):
         text = _drop(text, (*path, index))
@@ -626,6 +636,8 @@ def _differences(
         if are_equal(child.data(), new):
             continue
         child_patches = _differences(text, child, new, child_path)
+        # A value that cannot be patched is rewritten inside its own brackets, if none
+        # of its parts could stay.
         if child_patches is None:
             if _have_children(child, new):
                 return None
@@ -720,6 +732,8 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
     node = parent.children[index]
     if parent.is_flow:
         return [_inside(text, node, value, path)]
+    # The rewritten part reaches from the colon or the dash to the end of the value, so
+    # that a comment after it stays.
     begin = entry(text, parent, index)
     if parent.kind is dict:
         colon = text.index(":", parent.keys[index][2])

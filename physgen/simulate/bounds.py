@@ -166,6 +166,8 @@ def _rail(
     for row, (wx, wy) in ((along_row, (ux, uy)), (across_row, (-uy, ux))):
         _add(row, place, body, (wx, wy), (arm[0], arm[1]))
         _add(row, place, other, (-wx, -wy), arm2)
+    # Scalar and vector product with the direction of the rail give the position along
+    # and across it.
     dx, dy = x - x0, y - y0
     return along_row, across_row, dx * ux + dy * uy, dy * ux - dx * uy, length
 
@@ -176,6 +178,8 @@ def guide_rows(
     """Return the rows of speeds that a slider or a gear keeps at 0, and its errors, px
     or rad.
     """
+    # A slider keeps its body on the rail and parallel to it. A gear keeps the ratio of
+    # two angles. Ropes and pulleys have no equations but only bounds.
     first_angle = _angle(joint.first, spots)
     second_angle = _angle(joint.second, spots)
     match joint.kind:
@@ -210,8 +214,11 @@ def bounds_of(
     unit = 1.0
     if joint.kind is JointKind.SLIDER:
         along_row, _, position, _, length = _rail(joint, place, spots, size)
+        # Two ends of the rail: the distance to each one must not become negative.
         rows = [(along_row, position), ([-v for v in along_row], length - position)]
         if joint.drive is not None and strength is not None:
+            # The drive reaches its speed with at most its force, and does not run
+            # beyond the ends.
             largest_impulse = joint.force * h * strength
             speed = _speed_in_bounds(joint.drive, position, length - position, h)
             drive = BoundedRow(
@@ -227,6 +234,7 @@ def bounds_of(
         turning = _turning(joint, place, size, 1.0)
         rows = _angle_limits(joint, turning, spots)
         if joint.friction > 0 and strength is not None:
+            # Friction in the hinge is a motor with the goal 0 and a limited torque.
             largest_impulse = joint.friction * h * strength
             friction = BoundedRow(turning, 0.0, -largest_impulse, largest_impulse, True)
             bounds.append(friction)
@@ -329,6 +337,7 @@ def _stops(
         distance = hypot(x - x0, y - y0)
         if body is None or distance <= 0:
             continue
+        # The row is the speed at which the end of the rope moves away from its wheel.
         row = [0.0] * size
         direction = (x - x0) / distance, (y - y0) / distance
         _add(row, place, body, direction, (arm[0], arm[1]))
@@ -346,12 +355,15 @@ def bounded_impulses(
     upper bound below it. Principal pivoting for mixed linear complementarity (Murty
     1974).
     """
+    # Each row is free, at its lower or at its upper bound. Bounds of 0 begin as bounds,
+    # since most ropes and ends are not reached.
     count = len(goal)
     is_low = low == 0.0
     is_high = np.zeros(count, bool)
     impulse = np.zeros(count)
     for number in range(MOST_EXCHANGES):
         is_free = ~(is_low | is_high)
+        # With the rows at bounds known, the free ones follow from a linear system.
         impulse = np.where(is_low, low, np.where(is_high, high, 0.0))
         if is_free.any():
             remaining_goal = (
@@ -373,6 +385,8 @@ def bounded_impulses(
         wrong_rows = np.flatnonzero(to_low | to_high | to_free)
         if not len(wrong_rows):
             break
+        # Exchanges of all wrong rows at once are fast but may repeat in a cycle. One at
+        # a time, the lowest first, always ends (Murty's rule).
         if number >= EXCHANGES:
             wrong_rows = wrong_rows[:1]
         for k in wrong_rows.tolist():
@@ -473,6 +487,8 @@ class BoundedGroup:
         `light`: 1/mass and 1/moment of each velocity in `before`; `free_velocities`:
         velocities before lasting forces changed them, None outside a step.
         """
+        # Equations and bounds differ only in their limits: an equation may use any
+        # impulse of either sign.
         start_velocities = np.array(before)
         inverse_masses = np.array(light)
         all_rows = [*rows, *(bound.row for bound in bounds)]
@@ -489,10 +505,14 @@ class BoundedGroup:
         response.ravel()[:: len(response) + 1] *= 1 + 1e-12
         impulse, _ = bounded_impulses(response, goal, low, high)
         after = start_velocities + inverse_masses * (J.T @ impulse)
+        # Work of each row: its impulse times its mean speed in the step.
         works = (impulse * (J @ (start_velocities + after)) / 2)[count:].tolist()
         work, loss = _motor_works(bounds, works)
         if free_velocities is None:
             return BoundedMotion(after, work, loss, 0.0)
+        # A rope that becomes taut with a jerk takes energy away like an inelastic
+        # impact; one that only holds a weight takes none. The closing speed before the
+        # forces of this step tells them apart.
         closing = (J @ free_velocities)[count:]
         # A jerk closes with a speed that is large for the energy of the whole group.
         doubled_energy = _doubled_energy(free_velocities, inverse_masses)

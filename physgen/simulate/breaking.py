@@ -111,6 +111,8 @@ class Breakages:
         broken_joints = []
         for joint in self._intact_joints:
             if joint.kind in SPRINGS:
+                # Hooke's law gives the force of a spring directly. The forces of other
+                # joints follow from the change of momentum of their bodies.
                 size = h * joint.stiffness * abs(_length(joint, pose) - joint.length)
             else:
                 size = reactions.get(joint.name, 0.0)
@@ -121,6 +123,8 @@ class Breakages:
                 duration for duration, _ in history
             ) - history[0][0] >= (WINDOW * (1 - 1e-6)):
                 history.popleft()
+            # The mean force over a window decides: a single step of an impact has a
+            # force without meaning, as it depends on the length of the step.
             duration = max(WINDOW, sum(duration for duration, _ in history))
             if (
                 sum(step_impulse for _, step_impulse in history) / duration
@@ -143,6 +147,7 @@ def _length(spring: Joint, pose: Array) -> float:
         if body is None:
             ends.append(at)
             continue
+        # The ends are fixed to their bodies and turn with them.
         c = np.cos(pose[body, 2])
         s = np.sin(pose[body, 2])
         ends.append(pose[body, :2] + [c * at[0] - s * at[1], s * at[0] + c * at[1]])

@@ -102,9 +102,14 @@ def single_point_impulse(
     `nn`, `nt`, `tt`: changes of closing and sliding speed by a unit impulse, normal and
     along the surface; `vn` (negative if it closes), `vt`: the speeds.
     """
+    # Newton's rule: the point leaves with `elasticity` times its closing speed, so that
+    # its speed along the normal changes by this amount.
     target = -(1 + elasticity) * vn
     if mu == 0:
         return target / nn, 0.0
+    # Assume first that the point sticks. The impulses must change both speeds as
+    # wanted: nn * jn + nt * jt = target, and nt * jn + tt * jt = -vt. Cramer's rule
+    # solves these two equations.
     determinant = nn * tt - nt * nt
     jn = (target * tt + nt * vt) / determinant
     jt = (-nt * target - nn * vt) / determinant
@@ -119,6 +124,8 @@ def single_point_impulse(
             side = 1.0
             if vt > 0:
                 side = -1.0
+        # A sliding point has jt = side * mu * jn. The equation along the normal then
+        # has one unknown: (nn + side * mu * nt) * jn = target.
         grip = nn + side * mu * nt
         # With this friction, the point would wedge: no finite impulse reverses it.
         if grip < 1e-9 * nn:
@@ -148,16 +155,23 @@ def simultaneous_impulses(
     at which impulses have converged. Newton's rule with friction can create energy
     (Kane and Levinson 1985): the bounce is then reduced until it creates none.
     """
+    # For most impacts the full solution creates no energy, and this costs a single
+    # product. Bumpers create energy on purpose, and inelastic impacts cannot create
+    # any.
     full, passes = _solve_impulses(matrix, before, elasticity, friction, exact)
     is_bumper = max(elasticity, default=0.0) > 1
     if not any(elasticity) or is_bumper or _gain(matrix, before, full) <= 0:
         return full, passes
+    # An inelastic impact never gains energy. Between it and the full solution the
+    # energy is a quadratic function of the share, so that there is a largest share
+    # without gain.
     inelastic, more_passes = _solve_impulses(
         matrix, before, [0.0] * len(elasticity), friction, exact
     )
     # Bisect between the inelastic and the full solution.
     share = 0.0
     step = 0.5
+    # Thirty halvings find the share to about 1e-9, below the tolerance of `_gain`.
     for _ in range(30):
         if _gain(matrix, before, inelastic + (share + step) * (full - inelastic)) <= 0:
             share += step
@@ -169,6 +183,9 @@ def _gain(matrix: Array, before: Array, impulse: Array) -> float:
     """Return the kinetic energy added by impulses, g·px²/s²; 0 within rounding
     errors.
     """
+    # The change of kinetic energy is j·v + j·A·j / 2, for impulses j, speeds v before
+    # and the matrix A of responses. The positive and negative terms nearly cancel in an
+    # elastic impact: compare the sum with the size of its terms.
     change = impulse * (before + matrix @ impulse / 2)
     gain = float(change.sum())
     if gain > 1e-9 * float(np.abs(change).sum()):
@@ -238,6 +255,7 @@ def _solve_impulses(
 
 def _max_passes(exact: float) -> int:
     """Return the largest number of passes for a relative change of impulses."""
+    # Heaps are solved to a coarse tolerance, and a few passes suffice for it.
     if exact < 1e-6:
         return TUNING.sweeps
     return TUNING.heap_sweeps
@@ -253,6 +271,8 @@ def _leaving_speeds(elasticity: list[float], speed: list[float]) -> list[float]:
 
     `speed` (2P,): normal and along the surface in turn; negative if a point closes.
     """
+    # Points that already leave have a goal of 0: an impact elsewhere must not press
+    # them together.
     pairs = zip(elasticity, speed[::2], strict=True)
     return [-e * min(v, 0.0) for e, v in pairs]
 
@@ -364,6 +384,9 @@ def _point_jacobian(points: list[Point], bodies: list[int]) -> Array:
 
     Its shape is (2P, 3n); the rows alternate between both directions.
     """
+    # The speed of a point is n·v + lever * spin of the second body minus the same of
+    # the first. Only movable bodies have columns: walls and scripted bodies do not
+    # react.
     first_column = {body: 3 * k for k, body in enumerate(bodies)}
     jacobian = np.zeros((2 * len(points), 3 * len(bodies)))
     for i, p in enumerate(points):
@@ -373,6 +396,8 @@ def _point_jacobian(points: list[Point], bodies: list[int]) -> Array:
                 continue
             k = first_column[body]
             jacobian[2 * i, k : k + 3] = sign * p.nx, sign * p.ny, sign * normal_lever
+            # The direction along the surface is the normal turned by 90 degrees: (-ny,
+            # nx).
             jacobian[2 * i + 1, k : k + 3] = (
                 -sign * p.ny,
                 sign * p.nx,
@@ -433,8 +458,12 @@ class ImpactSolver:
         (N, 3) within the step, if those of `motion` are the ones at its end: the
         contacts then act over the whole step.
         """
+        # A sorted order makes the result independent of the order in which the engine
+        # lists contacts.
         points = points.sort()
         self._step_velocities = step_velocities
+        # Velocities of a step connect the poses at both of its ends, and are tangents
+        # of the path in the middle.
         half_step = 0.0
         if step_velocities is None:
             half_step = h / 2
@@ -451,6 +480,8 @@ class ImpactSolver:
         self._contact_points = points
         self._h = h
         self._threshold = threshold
+        # Slower points are resting contacts: the engine's own solver treats them
+        # without a rebound.
         self._is_closing = points.closing > threshold
         self._earlier = points.times_since_closing(self._is_closing, has_touched, h)
         if len(points.first) < TUNING.heap_points:
@@ -477,6 +508,9 @@ class ImpactSolver:
         The engine treats the remaining points as inelastic.
         """
         self._budget = budget
+        # Impacts bounce back and forth with ever smaller speeds, as between a falling
+        # ball and a box on the ground. Below a share of the fastest closing speed, they
+        # end.
         closing = [int(k) for k in np.flatnonzero(self._is_closing)]
         smallest_speed = max(
             self._threshold,
@@ -493,6 +527,7 @@ class ImpactSolver:
             moved_bodies: set[int] = set()
             for group in self._groups(first_points):
                 moved_bodies |= self._solve(group, times)
+            # Only points of bodies that an impact has just moved can close anew.
             nearby_points = set(closing)
             for body in sorted(moved_bodies):
                 nearby_points.update(self._points_of(body))
@@ -576,6 +611,8 @@ class ImpactSolver:
 
         It is the point's own closing time, or that of the impact that moved a partner.
         """
+        # In the first round, and for points that closed without any impact, the time is
+        # known from the motion. Points that close because of an impact do so just then.
         point = self._point(k)
         if number == 0 or (point.is_first and point.earlier > 0):
             return point.earlier
@@ -646,6 +683,8 @@ class ImpactSolver:
                         body if joint_group is None else joint_group, k
                     )
                     root[find(root, k)] = find(root, first_point)
+        # Groups without a common body do not influence each other, and small systems
+        # are solved faster than a large one.
         groups: dict[int, list[int]] = {}
         for k in struck_points:
             groups.setdefault(find(root, k), []).append(k)
@@ -671,6 +710,8 @@ class ImpactSolver:
         """Solve for the impulses of points that close together, apply them, and return
         the bodies.
         """
+        # All points of a group use the speeds before any of its impulses: the solution
+        # is simultaneous, and its result does not depend on the order of points.
         points = [self._point(k) for k in group]
         point_times = [times[k] for k in group]
         speeds = [p.motion(self._speeds(p.a), self._speeds(p.b)) for p in points]
@@ -690,6 +731,8 @@ class ImpactSolver:
             impulses, speeds = self._apply_joint_impulses(
                 points, speeds, sorted(bodies), point_times
             )
+        # Sum the energies after all impulses have acted, because each impulse works at
+        # the mean of both speeds.
         for number, point in enumerate(points):
             self._note_impulse(point, impulses[number], point_times[number])
             self._count_energy(
@@ -706,6 +749,8 @@ class ImpactSolver:
         self, point: Point, impulse: tuple[float, float], time: float
     ) -> None:
         """Record the impulse on the first body, along the axes of the image."""
+        # The normal points from the first body to the second, and a positive impulse
+        # pushes the first one back: hence both signs.
         jn, jt = impulse
         jx = jt * point.ny - jn * point.nx
         jy = -jn * point.ny - jt * point.nx
@@ -726,6 +771,8 @@ class ImpactSolver:
             point.friction,
             *speeds,
         )
+        # An impulse `time` s before the end of the step also shifts the pose at its
+        # end, by the change of velocity times this time.
         self._give(self._velocities, point, jn, jt, 1.0)
         self._give(self._shifts, point, jn, jt, time)
         return jn, jt
@@ -748,6 +795,8 @@ class ImpactSolver:
         leaving_speed, sliding_speed = point.motion(
             self._speeds(point.a), self._speeds(point.b)
         )
+        # The contact then acts over the whole step, so that its work begins at the
+        # velocity within the step.
         if self._step_velocities is not None:
             vn, vt = point.motion(
                 self._step_velocities[point.a].tolist(),
@@ -759,6 +808,8 @@ class ImpactSolver:
             self._work += energy_change
         else:
             self._loss -= energy_change
+        # A scripted body keeps its velocity in an impact: the script provides the
+        # energy.
         self._work += jn * script_vn + jt * script_vt
 
     def _give(
@@ -775,6 +826,8 @@ class ImpactSolver:
         # Rotate the impulse from normal and tangent to the axes of the image.
         fx = (jn * p.nx - jt * p.ny) * part
         fy = (jn * p.ny + jt * p.nx) * part
+        # Action and reaction: the same impulse acts on both bodies with opposite signs,
+        # linear changes by 1/mass, spins by the lever over the moment.
         for body, m, turn, sign in (
             (p.a, p.ma, p.ea * (p.na * jn + p.ta * jt) * part, -1.0),
             (p.b, p.mb, p.eb * (p.nb * jn + p.tb * jt) * part, 1.0),
@@ -800,6 +853,8 @@ class ImpactSolver:
         Returns the impulses, and the speeds at which the points close: those of
         `speeds` without the part that joints exclude.
         """
+        # Velocities change by M⁻¹ Jᵀ j, corrected for the joints: `response_to_points`
+        # contains this matrix.
         equations = self._impact_equations(points, speeds, bodies)
         solution = self._solve_with_joints(points, bodies, equations)
         impulses = solution.impulses
@@ -816,6 +871,8 @@ class ImpactSolver:
         )
         jacobian = equations.jacobian
         closing_before = equations.speeds + jacobian @ removed
+        # Ropes that become taut stop without a rebound. Their loss of energy belongs to
+        # no point, and is counted here.
         if taut_count:
             closing_after = closing_before + jacobian @ impulse_change
             works = impulses * (closing_before + closing_after)
@@ -837,6 +894,8 @@ class ImpactSolver:
         self, points: list[Point], speeds: list[tuple[float, float]], bodies: list[int]
     ) -> ImpactEquations:
         """Return the equations of points and of the taut joints of n bodies."""
+        # Three velocities per body: two have the inverse mass, and the spin has the
+        # inverse moment.
         inverse_masses = []
         for body in bodies:
             lightness = self._properties.lightness[body]
@@ -887,6 +946,8 @@ class ImpactSolver:
                 tolerance,
             )
             self._budget.spend(passes, points)
+            # The last attempt is final. Each further pose would add equations that
+            # could contradict each other.
             if attempt == TUNING.max_poses - 1:
                 break
             change = response_to_points @ impulses
@@ -908,10 +969,15 @@ class ImpactSolver:
         speed, while they no longer yield, would get energy from nowhere. The loss is
         counted.
         """
+        # The response K times the mass matrix projects velocities onto those that the
+        # joints permit. Immovable bodies have no mass here, and their velocities do not
+        # change.
         speeds = np.array([self._speeds(body) for body in bodies]).ravel()
         is_free = inverse > 0
         mass = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=is_free)
         changes = np.where(is_free, response @ (mass * speeds) - speeds, 0.0)
+        # Kinetic energy changes by m * change * (speed + change / 2), the mean speed
+        # times the change of momentum.
         self._loss -= float((mass * changes * (speeds + changes / 2)).sum())
         return changes
 
@@ -943,6 +1009,8 @@ class ImpactSolver:
         removed_velocities = (velocity - permitted_velocities)[rows].ravel().tolist()
         speeds = velocity[rows].ravel().tolist()
         inverse_masses = inverse.reshape(-1, 3)[held_rows].ravel().tolist()
+        # Tiny corrections, such as those by the curvature of a circular path, are no
+        # jolt: the first solution then stands.
         smallest_speed = self._threshold * MIN_JOLT
         if is_jolt(inverse_masses, speeds, removed_velocities, smallest_speed):
             return later_pose
@@ -954,6 +1022,8 @@ class ImpactSolver:
 
         The speeds are along the normal and along the surface.
         """
+        # Free bodies contribute no speed here: only the motion that a script or a belt
+        # imposes on the contact does work from outside.
         sides = [
             [0.0] * 3 if self._is_free(body) else self._speeds(body)
             for body in (p.a, p.b)

@@ -75,6 +75,8 @@ class Order:
         """Sort contacts; `contacts` (K, 3): both partners and the count of points of
         each.
         """
+        # One integer holds both partners and the count of points, so that a single sort
+        # replaces a comparison of rows.
         key = (contacts[:, 0] << 32 | contacts[:, 1]) << 2 | contacts[:, 2]
         self._rows = np.argsort(key, kind="stable")
         sorted_keys = key.take(self._rows)
@@ -136,6 +138,8 @@ class Order:
 
         `rows` are those of pymunk's list; `state` (M, 6) of the bodies `moving` (M,).
         """
+        # A contact has one normal and up to two points, each with its own speed if a
+        # body spins. Bodies without a state do not move.
         states = dict(zip(moving.tolist(), state.tolist(), strict=True))
         contacts = self.meetings.contacts
         fastest_speed = 0.0
@@ -518,6 +522,8 @@ def point_at_closing(
     `Points.times_since_closing`. The levers of both bodies lead to one common point, so
     that angular momentum is conserved to the last digit.
     """
+    # Move both bodies back to the instant at which they met: at the end of the step
+    # they overlap, and normal and levers would be those of the overlap.
     seconds_back = float(earlier[k])
     a = int(points.first[k])
     b = int(points.second[k])

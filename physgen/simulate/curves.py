@@ -157,11 +157,13 @@ class CurvedWalls:
         contacts = np.frombuffer(numbers).reshape(-1, NUMBERS).tolist()
         rows = zip(order.contacts.tolist(), contacts, strict=True)
         for (first, second, count), contact in rows:
+            # The normal of a contact points from the first to the second shape.
             body, wall, sign = first, second, 1.0
             if first in self._walls:
                 body, wall, sign = second, first, -1.0
             if wall not in self._walls or body not in self._rows or not count:
                 continue
+            # A new touch is an impact, and its loss is real.
             if not self._is_new_touch(body, wall):
                 yield body, wall, sign, contact
 
@@ -213,6 +215,8 @@ def _blows(impacts: list[Impacts]) -> dict[tuple[int, int], tuple[float, float]]
     """Return the impulses of impacts, g·px/s, for each pair in both orders, on its
     first body.
     """
+    # Action and reaction: in the other order of the pair, the impulse has the opposite
+    # sign.
     impulses: dict[tuple[int, int], tuple[float, float]] = {}
     for impact in impacts:
         rows = zip(impact.first, impact.second, impact.impulse, strict=True)

@@ -366,6 +366,8 @@ class Running:
         if self._scripted_motion.busy:
             velocities = [state[:, 3:]]
             state = state.copy()
+            # A path may jump to a higher velocity at a knot: the faster of both steps
+            # decides.
             for time in (end, end - h):
                 scripted_state = state.copy()
                 self._scripted_motion.drive(time, h, scripted_state, self._row)
@@ -393,11 +395,15 @@ class Running:
         if self._scripted_motion.busy:
             if state is None:
                 state = self._stepper.state().copy()
+            # A jump of a script closes contacts that the motion of the last step did
+            # not announce.
             self._scripted_motion.drive(end, h, state, self._row)
             has_jump = self._scripted_motion.has_jump(end - h / 2, end + h / 2)
             self._stepper.has_unchecked_contacts |= has_jump
         if state is not None:
             self._space.place(state)
+        # All changes of velocity at the begin of the step are placed in the engine now:
+        # it moves the bodies by them, and only then finds the contacts.
         step = self._stepper.take(end, h, state, events)
         if step.impacts:
             self._governor.note(sum(len(impact.first) for impact in step.impacts))
@@ -418,6 +424,7 @@ class Running:
         # About 600 bytes are the Python objects of a step.
         self._bytes += len(step.numbers) + 2 * len(step.states) + 600
         self._step_records.append((step, self._effort()))
+        # A long motion keeps only the samples; its steps would fill the memory.
         if self._bytes > self._max_bytes:
             self._step_records.clear()
 
@@ -461,6 +468,7 @@ def contact_properties(world: World) -> ContactProperties:
         inverse_masses.append(1 / body.mass if is_dynamic else 0.0)
         inverse_moments.append(1 / body.moment if is_dynamic else 0.0)
         radii.append(nan if body.radius is None else body.radius)
+    # The inverse mass of a wall is 0, as of any immovable body.
     wall_zeros = [0.0] * len(world.walls)
     surfaces = [surface for _, surface in world.surfaces]
     return ContactProperties(
@@ -619,11 +627,14 @@ class Stepper:
         moving = self._space.moving
         h, load, strength = self._last_load
         force_change = self._forces.change(load, h, strength)[moving]
+        # A spin counts by the speed of the rim, so that both parts have one unit.
         reach = self._reach[moving]
         speed, usual_speed = (
             np.hypot(part[:, 0], part[:, 1]) + np.abs(part[:, 2]) * reach
             for part in (change, force_change)
         )
+        # Forces and resting contacts change velocities by about one step of gravity: a
+        # much larger change is an impact.
         is_struck = speed > ABRUPT * np.maximum(usual_speed, self._press * h)
         is_struck[np.isin(moving, self._jointed_bodies)] = False
         # The half step to t = 0 changes velocities half as much as a whole step.
@@ -715,6 +726,8 @@ class Stepper:
                 start_state = self.state()
             else:
                 start_state = trial.state
+            # A contact, a joint or any other change would invalidate friction that is
+            # computed for many steps at once.
             is_free = (
                 trial.state is None and not self._numbers and not self._assemblies.busy
             )
@@ -823,6 +836,8 @@ class Stepper:
         # Below this speed, contacts close without a rebound.
         threshold = self._governor.threshold(trial.h, self._governor.rest_factor)
         after = np.frombuffer(trial.states, np.float64).reshape(-1, 6)
+        # Impacts happen within the step, at velocities before the engine's own
+        # solution: the poses are those at its end, and the solver goes back from there.
         poses = self._all_poses
         velocities = self._all_velocities
         poses[self._space.moving] = after[:, :3]
@@ -844,6 +859,7 @@ class Stepper:
             if not (points.closing > threshold).any():
                 return None
         motion = StepMotion(poses, velocities, self._drift(trial.load, old_words))
+        # The step is then taken again with the velocities after these impacts.
         solver = ImpactSolver(
             self._properties,
             self._assemblies,
@@ -906,6 +922,7 @@ class Stepper:
         if self._assemblies.has_bounds:
             start_velocities = np.zeros_like(self._center)
             start_velocities[moving] = step_velocities
+        # A motor acts for half the time in the half step to t = 0.
         motor_strength = 1.0
         if trial.is_half_step:
             motor_strength = 0.5
@@ -915,6 +932,8 @@ class Stepper:
         )
         trial.motor_work = motion.work
         exact[:, 3:] = motion.velocity[moving]
+        # Bounds lose energy within the step: a part before the velocities of its end,
+        # and the rest at its end.
         if motion.loss:
             exact[:, :3] += motion.shift[moving]
             late_loss = motion.loss - motion.early_loss
@@ -943,6 +962,8 @@ class Stepper:
         """
         h = trial.h
         order = trial.order
+        # A contact that closes more slowly than a share of gravity's step is carried
+        # well enough.
         rest_speed = self._governor.threshold(h, 0.0)
         threshold = CLOSING_SHARE * max(self._press * h, rest_speed)
         rows = self._assemblies.jointed_rows(order)
@@ -974,6 +995,8 @@ class Stepper:
 
     def _restore_energy_on_curves(self, trial: StepTrial) -> None:
         """Return the energy that smooth curves took from bodies which slide on them."""
+        # Chords of a curve turn the velocity by small impacts, each of which takes some
+        # energy: a smooth curve takes none.
         exact = np.frombuffer(trial.states, np.float64).reshape(-1, 6).copy()
         start_state = (self.state() if trial.state is None else trial.state).copy()
         if trial.velocities_before_impacts is not None:
@@ -1010,6 +1033,8 @@ class Stepper:
                 start_state = trial.state
             old_velocities = start_state[:, 3:]
         state = np.frombuffer(trial.states, np.float64).reshape(-1, 6)
+        # The change of momentum that neither loads nor contacts explain is that by the
+        # joints.
         pose, velocity = self.expand_state(state)
         change = np.zeros_like(velocity)
         change[self._space.moving] = state[:, 3:] - old_velocities
@@ -1059,6 +1084,8 @@ class Stepper:
             self._space.release(joint)
             trial.events.append(self._forces.release(joint, pose, trial.end))
         intact_joints = tuple(j for j in self._world.joints if j not in broken_joints)
+        # Without the broken joints, the groups of joined bodies are others: build them
+        # anew.
         self._world = replace(self._world, joints=intact_joints)
         self._assemblies = Assemblies(self._world)
         self._jointed_bodies = self._assemblies.bodies
@@ -1067,6 +1094,8 @@ class Stepper:
     def _finish_step(self, trial: StepTrial) -> Step:
         """Make the end of a step the start of the next one, and return its record."""
         self.has_unchecked_speeds |= not self._is_calm
+        # The next step needs the load of this one, to tell impacts from the usual
+        # change of velocity.
         self._last_load = trial.h, trial.load, 0.5 if trial.is_half_step else 1.0
         self._last_motion = trial.velocities, self._states
         self._order = trial.order
@@ -1075,6 +1104,8 @@ class Stepper:
         self.has_unchecked_contacts = False
         if trial.load is not None:
             self._forces.end(trial.load)
+        # Rolling resistance of the next step follows from the normal forces of this
+        # one, which are not known before.
         braking = NO_BRAKING
         resistance = self._forces.resistance
         if resistance.busy:

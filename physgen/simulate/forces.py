@@ -179,12 +179,16 @@ class ForceFields:
         self._ease = _inverse(self._moment, is_dynamic)
         self._pushes = _lasting_pushes(world, is_dynamic)
         springs = spring_joints(world)
+        # Fingers follow a path and do work; springs store energy. Both are joints in
+        # the scene but loads in the engine.
         self._fingers = [s for s in springs if s.kind is JointKind.FINGER]
         self._springs = [s for s in springs if s.kind is JointKind.SPRING]
         self._winds = _fields_of(world, FieldKind.WIND, FieldKind.AIR)
         self._pools = [Pool(f, bodies) for f in _fields_of(world, FieldKind.WATER)]
         self._magnets = _fields_of(world, FieldKind.MAGNET)
         self._attractors = _fields_of(world, FieldKind.ATTRACTOR)
+        # Drag grows with the width across the flow. The diameter of a disc of the same
+        # area does not depend on the orientation of the body.
         self._width = np.zeros(0)
         if self._winds or self._pools:
             self._width = np.array([2 * np.sqrt(area(body) / pi) for body in bodies])
@@ -269,6 +273,8 @@ class ForceFields:
         total = LoadSum(
             np.zeros((self._N, 3)), np.zeros((self._N, 3)), np.zeros((self._N, 3))
         )
+        # The order matters: wind and damping predict the velocity in the middle of the
+        # step from the loads summed up so far.
         h = end - begin
         for push in self._pushes:
             self._push(push, pose, (begin, end), total)
@@ -297,11 +303,14 @@ class ForceFields:
     ) -> None:
         """Add the force and the torque of a push during `span`, s."""
         begin, end = span
+        # A push may begin or end within the step: its mean over the step is the force
+        # times the share of time in which it acts.
         share = (min(push.end, end) - max(push.start, begin)) / (end - begin)
         if share <= 0:
             return
         if push.profile is not None:
             share = mean_factor(push, begin, end)
+        # The point of application turns with the body.
         arm = _rotate(push.point, pose[push.body, 2])
         force = push.vector * share
         total.drive[push.body, :2] += force
@@ -312,6 +321,8 @@ class ForceFields:
     def _pull(self, field: Field, pose: Array, total: LoadSum) -> None:
         """Add the forces of an attractor: strength * mass / distance², softened."""
         bodies = np.array(field.bodies, np.int64)
+        # Newton's law with a softened distance (Plummer): the force stays finite in the
+        # centre and belongs to the potential in `potential`.
         offsets = field.vector - pose[bodies, :2]
         square_distances = (offsets**2).sum(axis=1) + field.soften**2
         pull = (
@@ -342,11 +353,15 @@ class ForceFields:
             * h
         )
         share = slowing / (1 + slowing)
+        # With linear drag as well, split the step: linear drag first reduces the
+        # relative velocity exponentially, and quadratic drag then acts on the rest.
         if field.linear > 0:
             rate = field.linear * self._width[bodies] * self._lightness[bodies] * h
             linear_decay = np.exp(-rate)
             share = 1 - linear_decay / (1 + slowing * linear_decay)
         if field.kind is FieldKind.AIR:
+            # Still air only takes energy. A wind can also give energy, and then counts
+            # as work from outside.
             loads = total.spend
         else:
             loads = total.drive
@@ -356,6 +371,7 @@ class ForceFields:
 
     def _attract(self, magnet: Field, pose: Array, total: LoadSum) -> None:
         """Add the forces between magnets: pull / distance², softened."""
+        # Both magnets get opposite forces, which conserves their momentum.
         for first, second in combinations(magnet.bodies, 2):
             offset = pose[second, :2] - pose[first, :2]
             square_distance = max(float(offset @ offset) + magnet.soften**2, 1e-12)
@@ -370,10 +386,16 @@ class ForceFields:
         part.
         """
         for body, displaced, center in pool.immersions(pose):
+            # Archimedes: the lift is the weight of the displaced water, and acts at the
+            # centre of the immersed part. Beside the centre of mass it turns the body
+            # upright.
             lift = -pool.field.density * displaced * self._gravity
             arm = center - pose[body, :2]
             total.drive[body, :2] += lift
             total.drive[body, 2] += arm[0] * lift[1] - arm[1] * lift[0]
+            # Drag acts on the immersed part only. The decay over the step is
+            # exponential with the rate at its beginning, so that it never reverses the
+            # velocity.
             immersed_share = displaced / pool.areas[body]
             speed = float(np.hypot(*velocity[body, :2]))
             area_per_mass = self._width[body] * immersed_share * self._lightness[body]
@@ -396,12 +418,16 @@ class ForceFields:
         if knots is None or end <= knots[0, 0] or begin >= knots[-1, 0]:
             return
         h = end - begin
+        # The finger holds the body by a spring to its place in the middle of the step,
+        # and lets go at both ends of its path.
         time = (begin + end) / 2
         target = np.array([np.interp(time, knots[:, 0], knots[:, k]) for k in (1, 2)])
         time_share = (min(end, knots[-1, 0]) - max(begin, knots[0, 0])) / h
         body = finger.first
         arm = _rotate(finger.first_at, pose[body, 2])
         pull = finger.stiffness * (target - pose[body, :2] - arm)
+        # Change of the speed of the held point by a unit impulse: translation and
+        # rotation both yield.
         compliance = self._lightness[body] + self._ease[body] * float(arm @ arm)
         rate = max(finger.damping * compliance * h, 1e-300)
         # The closed form of a damper alone: it never overshoots.
@@ -413,6 +439,9 @@ class ForceFields:
     def _damp(self, velocity: Array, h: float, total: LoadSum) -> None:
         """Add the loads that take velocity and spin out; exact while they act alone."""
         bodies = self._damped
+        # The velocity in the middle of the step contains half of the change by the
+        # other loads. Its decay over h is exp(-damping * h), of which the loads give
+        # the mean.
         inertia = np.stack([self._mass, self._mass, self._moment], axis=1)[bodies]
         known_acceleration = (total.hold + total.drive)[bodies] / inertia
         known_acceleration[:, :2] += self._gravity
@@ -435,6 +464,8 @@ class ForceFields:
             stored += (
                 spring.stiffness / 2 * (float(np.hypot(*offset)) - spring.length) ** 2
             )
+        # The potential of pull / distance² is -pull / distance, with the same softening
+        # as the force.
         for magnet in self._magnets:
             for first, second in combinations(magnet.bodies, 2):
                 offsets_of_magnets = pose[second, :2] - pose[first, :2]
@@ -471,6 +502,7 @@ class ForceFields:
     ) -> None:
         """Add the force and the damping of a spring."""
         arm1, arm2, offset = self._ends(spring, pose)
+        # A spring without length has no direction.
         length = float(np.hypot(*offset))
         if length < 1e-9:
             return
@@ -485,6 +517,8 @@ class ForceFields:
             damping_force = self._damping_force(
                 spring, sides, direction, velocity, h, spring_force
             )
+        # The elastic force keeps energy, which `potential` returns; the damper spends
+        # energy.
         for body, lever, sign in sides:
             for part, force in (
                 (total.hold, spring_force),
@@ -503,6 +537,8 @@ class ForceFields:
         spring_force: float,
     ) -> float:
         """Return the force of the damper of a spring, g·px/s²."""
+        # `compliance` is the change of the relative speed of both ends by a unit
+        # impulse along the spring, and `speed` the present one.
         compliance = speed = 0.0
         for body, lever, sign in sides:
             compliance += self._lightness[body] + self._ease[body] * lever**2
@@ -515,6 +551,9 @@ class ForceFields:
         # were longer by their number, so that together they never overshoot.
         share = max(self._dampers.get(body, 1) for body, _, _ in sides)
         rate = spring.damping * compliance * h * share
+        # The damper alone lets the relative speed decay as exp(-rate * t / h): its mean
+        # over the step is (1 - exp(-rate)) / rate of the initial one. The speed
+        # contains half of the change by the spring, as in the middle of the step.
         return float(
             -spring.damping
             * (speed + h / 2 * compliance * spring_force)
@@ -539,6 +578,7 @@ class Pool:
         """Yield each body in the water, with its immersed area, px², and centre, px."""
         left, top, right, bottom = self._box
         for body in self._shapes:
+            # A body is immersed as one whole: the moments of its pieces add up.
             x, y, angle = pose[body].tolist()
             reach = self._reach[body]
             # Most bodies are not in the water: the circle around a body tells so at
@@ -587,6 +627,8 @@ def _clip_outline(corners: Array, axis: int, limit: float, sign: float) -> Array
         depth = np.zeros(0)
     if (depth >= 0).all():
         return corners
+    # Sutherland and Hodgman's algorithm: walk along the outline, keep corners on the
+    # inner side, and add the crossing point for each edge that changes sides.
     kept_corners: list[Array] = []
     for k in range(len(corners)):
         previous_depth = depth[k - 1]
@@ -603,6 +645,8 @@ def _pieces(body: Body) -> tuple[Array, ...]:
     """Return the convex pieces of a body; of a circle, a polygon of its area."""
     if body.radius is None:
         return body.pieces
+    # A polygon with corners on the circle has a smaller area. Its radius is raised so
+    # that the area, and with it the lift, is that of the circle.
     angle = np.arange(CORNERS) * (2 * pi / CORNERS)
     corner_radius = body.radius * (2 * pi / CORNERS / np.sin(2 * pi / CORNERS)) ** 0.5
     return (corner_radius * np.stack([np.cos(angle), np.sin(angle)], axis=1),)
@@ -619,6 +663,8 @@ def mean_factor(push: Push, begin: float, end: float) -> float:
     profile = push.profile
     if profile is None or high <= low:
         return 0.0
+    # The mean of a profile over a step is the difference of its integral: a pulse much
+    # shorter than the step still has its full effect.
     a = low - push.start
     b = high - push.start
     return (_integral(profile, b) - _integral(profile, a)) / (end - begin)
@@ -703,6 +749,7 @@ class StepForces:
         self._nothing = np.zeros((len(bodies), 3))
         self._fall = np.where(self._dynamic[:, None], [*world.gravity, 0.0], 0.0)
         self._falls = bool(world.gravity.any())
+        # A sphere with a ramp begins at rest and gets its roll during the ramp.
         rolls = [0 * b.roll if has_ramp(b) else b.roll for b in bodies]
         self.roll = np.array(rolls).reshape(-1, 2)
         """Present roll of spheres on a table, (N, 2) rad/s."""
@@ -750,6 +797,10 @@ class StepForces:
         joint, and no other change since, so that several steps of table friction can be
         computed at once.
         """
+        # Velocities of the state are those of the middle of the last step, and forces
+        # change them to those of the next: a leapfrog scheme. The forces therefore
+        # belong to the pose between both steps, at which the bodies arrive by their
+        # present velocities.
         velocity = self._spread(state[:, 3:], self._nothing)
         load = Forces(self._nothing, None, None, None)
         if self._loads.busy:
@@ -776,6 +827,8 @@ class StepForces:
         table_velocity = self._table_velocity(state, h)
         if table_velocity is not None:
             predicted_velocity = predicted_velocity - table_velocity
+        # With no other force, the friction of the next steps follows from the present
+        # motion, and is computed for many steps at once.
         is_free &= not (self._loads.busy or self._falls or self._belts.busy)
         if is_half_step:
             begin = end
@@ -788,6 +841,8 @@ class StepForces:
             duration,
             steps=STEPS_AHEAD if is_free else 1,
         )
+        # Friction is computed as an impulse; loads are impulses by the length of a
+        # step.
         friction /= h
         if load.spend is None:
             spend = friction
@@ -805,6 +860,8 @@ class StepForces:
         """
         if not self._belts.busy:
             return None
+        # The new velocities are those in the middle of the next step: one and a half
+        # steps ahead of the present poses.
         middle = self._spread(state[:, :3] + 1.5 * h * state[:, 3:], self._center)
         return self._belts.velocities(middle[:, :2])
 
@@ -827,11 +884,15 @@ class StepForces:
         roll = self.roll
         if pushed_roll is not None:
             roll = roll + pushed_roll
+        # Friction that was predicted for this step is used up first; the prediction
+        # holds as long as nothing else acts.
         if steps == 1 or not self._foreseen:
             self._foreseen = self._table.predict(velocity, roll, duration, steps)
         change, roll_change = self._foreseen.pop()
         friction = change * self._weight
         work = 0.0
+        # The belt moves with its own velocity while it drags a body along: this power
+        # comes from outside.
         if table_velocity is not None:
             work = float((friction * table_velocity).sum())
         if pushed_roll is not None:
@@ -860,12 +921,15 @@ class ScriptedMotion:
             if body.motion is Motion.SCRIPTED
         ]
         self.busy = bool(self._paths)
+        # Between two knots of a path the velocity is constant; at a knot it jumps.
         self._knots = np.sort(
             np.concatenate([np.zeros(0), *(path[:, 0] for _, path in self._paths)])
         )
 
     def has_jump(self, begin: float, end: float) -> bool:
         """Check whether a path's velocity changes after `begin`, up to `end`, s."""
+        # A knot lies within the span if the two ends have different numbers of knots
+        # before them.
         low, high = np.searchsorted(self._knots, [begin, end], side="right")
         return bool(high > low)
 
@@ -879,6 +943,8 @@ class ScriptedMotion:
             present_pose = _pose(path, time)
             next_pose = _pose(path, time + h)
             velocity = (next_pose - present_pose) / h
+            # The engine will add velocity * h to the pose: start so much earlier that
+            # the body arrives at its place exactly.
             state[row[body], :3] = present_pose - velocity * h
             state[row[body], 3:] = velocity
 

@@ -51,6 +51,9 @@ class Resistance:
             abs(ix * nx + iy * ny) for ix, iy, nx, ny in impulses_and_normals(numbers)
         ]
         for lever, rows in self.brakes.levers:
+            # The torque of rolling resistance is the normal force times a lever, the
+            # shift of the force in front of the wheel. An impulse by the length of the
+            # step is the mean force.
             torque = 0.0
             # Sum in sorted order: the result must not depend on the order of contacts.
             for normal in (
@@ -135,6 +138,7 @@ class Table:
         rolling = np.array([b.rolling for b in bodies]).reshape(-1)
         is_dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
         is_ball = np.array(list(map(_is_ball, bodies)), bool)
+        # Spheres may also roll with resistance but without friction; discs only slide.
         has_friction = is_dynamic & ((grip > 0) | (is_ball & (rolling > 0)))
         self.busy = bool(world.press > 0 and has_friction.any())
         self._balls = np.flatnonzero(is_dynamic & is_ball)
@@ -175,6 +179,7 @@ class Table:
         ):
             moving_rows = np.flatnonzero(is_moving[bodies])
             _add_changes(kind, bodies, properties, moving_rows, motion, h, changes)
+        # Callers take the next step from the end of the list: the order is reversed.
         velocity_change, spin_change, roll_change = changes[::-1].swapaxes(0, 1)
         velocity_changes = np.stack(
             [velocity_change.real, velocity_change.imag, spin_change.real], axis=2
@@ -193,6 +198,8 @@ class Table:
         v = v[self._balls]
         spin = spin[self._balls]
         roll = roll[self._balls]
+        # The lowest point of a rolling sphere is at rest: its velocity v - i r roll is
+        # zero up to rounding errors. Such spheres slow down evenly until they stop.
         is_sliding = abs(v - 1j * r * roll) * gives > 1e-12 * r * abs(roll)
         k = np.flatnonzero(
             ~is_sliding & (grip > 0) & (slows * h * len(out) < abs(roll))
@@ -475,6 +482,7 @@ def _shares_of_disc(ratio: Array) -> tuple[Array, Array]:
     centre of rotation inside the disc (slow) and outside.
     """
     is_slow = ratio <= 1
+    # At the parameter m = 1 both formulas agree: the centre of rotation is on the rim.
     m = np.where(is_slow, ratio, 1 / ratio) ** 2
     K, E = _elliptic(m)
     square_ratio = ratio**2

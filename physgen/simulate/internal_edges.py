@@ -158,6 +158,7 @@ class Frames:
 def edges_of(outline: ShapeOutline, frame: Frame = WORLD) -> list[Edge]:
     """Return the edges of a shape with the corners in this frame."""
     corners = [frame.place(corner) for corner in outline.corners]
+    # A segment has one edge and two sides; the outline of a polygon is closed.
     if len(corners) == 2:
         following = corners[1:]
     else:
@@ -165,6 +166,7 @@ def edges_of(outline: ShapeOutline, frame: Frame = WORLD) -> list[Edge]:
     edges = []
     for (x0, y0), (x1, y1) in zip(corners, following, strict=False):
         length = hypot(x1 - x0, y1 - y0)
+        # An edge of no length has no direction, and covers nothing.
         if length > 0:
             dx = (x1 - x0) / length
             dy = (y1 - y0) / length
@@ -236,18 +238,25 @@ class Cover:
         (nx, ny), points, _ = contact
         is_covered = self.is_covered
         for edge in edges:
+            # A normal across the edge is that of the edge itself. Only a normal with a
+            # part along the edge can come from the hidden end of the neighbour.
             cosine = abs(nx * edge[2] + ny * edge[3])
             if cosine <= self._slope:
                 continue
             for k, point in enumerate(points):
                 if is_covered[k]:
                     continue
+                # The order of tests is from cheap to expensive: the place over the
+                # edge, then the exceptions, and at last the distance to the whole
+                # surface.
                 spot = _spot_over(edge, contact, point)
                 if spot is None or self._passes_through(edge.owner):
                     continue
                 # A normal that points hardly along the edge soon no longer does: its
                 # pair may move less before the next test.
                 self.room = min(self.room, cosine)
+                # The surface of the contact must not rise above the edge at this place.
+                # A step upwards is a real obstacle, which stops the shape.
                 spot = self._frame.locate(place.place(spot))
                 is_covered[k] = _is_outside(self._sides, self._surface.corners, spot)
                 if is_covered[k]:
@@ -270,6 +279,8 @@ class EdgeSet:
         self._long_edges: list[Edge] = edges
         """Edges that no cell contains."""
         self._cells: dict[tuple[int, int], list[Edge]] = {}
+        # The outline of a photo's object has hundreds of edges, of which a few are near
+        # a contact.
         if len(edges) > MOST_LISTED:
             self._long_edges = [edge for edge in edges if not self._sort_in(edge)]
 
@@ -293,6 +304,7 @@ class EdgeSet:
         if frame is not WORLD:
             contact = frame.locate_contact(contact)
         normal, points, _ = contact
+        # Edges across many cells are in none of them, and are tested for every point.
         for point in points:
             if self._cells:
                 cell = int(point[0] // CELL), int(point[1] // CELL)
@@ -316,6 +328,8 @@ def _may_one_cover(
         into = nx * dx + ny * dy
         if -slope <= into <= slope:
             continue
+        # Measure from the end of the edge that the normal points away from: the seam
+        # with the other shape is there.
         ahead = (px - x) * dx + (py - y) * dy
         if into > 0:
             ahead = length - ahead
@@ -324,6 +338,8 @@ def _may_one_cover(
                 highest = LOWEST
             else:
                 highest = HIGHEST
+            # The height over the edge is positive outside a polygon. A segment has no
+            # inside, and covers points on both sides of it.
             height = (px - x) * dy - (py - y) * dx
             if -LOWEST < height < highest:
                 return True
@@ -355,6 +371,7 @@ class InternalEdges:
         self._edges = [edges_of(outline) for outline in outlines]
         self._boxes = [_box_around(outline.corners) for outline in outlines]
         """Around what is near a shape, in the frame of its owner."""
+        # Circles have no edges that could continue a surface.
         self._of_owner: dict[int, list[int]] = {}
         for k, outline in enumerate(outlines):
             if outline.corners:
@@ -408,6 +425,8 @@ class InternalEdges:
         for surface, own, touch in sides:
             if surface not in of_owner:
                 continue
+            # First the other pieces of the same surface: they are known once and for
+            # all. Circles on a moving body are left out, as in `_nearby_edges`.
             is_static = surface in self._static
             if is_static or count == 2:
                 seams = self._seams_of(surface, frames)
@@ -417,6 +436,8 @@ class InternalEdges:
                     frame = frames.of(surface)
                 if seams.edges and seams.may_continue(frame, touch, slope):
                     return True
+            # Then the other bodies that the shape touches at present, such as the next
+            # one of two equal boxes in a row.
             thirds = partners.get(own, ())
             if own in self._static:  # much touches a floor
                 thirds = set(thirds).intersection(partners.get(surface, ()))
@@ -471,6 +492,7 @@ class InternalEdges:
         reversed_contact = contact.reversed()
         if self._is_covered_contact(frames, shapes, reversed_contact):
             return STILL
+        # Either of the two shapes may be the surface with the internal edge.
         return self._room(frames, second, first, partners, contact) or self._room(
             frames, first, second, partners, reversed_contact
         )
@@ -603,6 +625,8 @@ class InternalEdges:
                 continue
             if is_static and self._outlines[shapes[0]].is_static:
                 continue
+            # Circles and boxes around the third owner exclude most shapes before any
+            # edge is read.
             frame = frames.of(third_owner)
             x, y = frame.locate(points[0])
             if hypot(x, y) >= self._reach_of_owner[third_owner]:
@@ -632,6 +656,8 @@ class InternalEdges:
                     box = _box_around(corners)
                     self._placed[k] = corners, box, edges_of(outline, frame)
         if shape not in self._static_edges:
+            # Boxes of shapes that do not meet exclude most pairs before distances are
+            # computed.
             corners, box, _ = self._placed[shape]
             self._static_edges[shape] = [
                 edge
@@ -713,6 +739,8 @@ def _is_beside_shape(edge: Edge, corners: Sequence[Spot]) -> bool:
     """Check whether an end of an edge is near a shape, or a corner of the shape near
     the edge.
     """
+    # Convex shapes that do not overlap are nearest at a corner of one of them, so that
+    # distances of ends and corners suffice.
     ends = edge.ends
     if _has_gap(ends, corners, 0) or _has_gap(ends, corners, 1):
         return False
@@ -727,6 +755,8 @@ def _has_gap(ends: Sequence[Spot], corners: Sequence[Spot], axis: int) -> bool:
     high = ends[1][axis]
     if low > high:
         low, high = high, low
+    # The shape is beyond the edge if all of its corners lie on one side, farther away
+    # than neighbours may be.
     before, behind = low - NEIGHBOURS, high + NEIGHBOURS
     is_below = is_above = True
     for corner in corners:
@@ -746,6 +776,8 @@ def _spot_over(edge: Edge, contact: Contact, point: Spot) -> Spot | None:
     surface.
     """
     x, y, dx, dy, length, is_segment, _ = edge
+    # Coordinates along the edge (d) and away from it (u), from the beginning of the
+    # edge.
     px = point[0] - x
     py = point[1] - y
     ux, uy = dy, -dx
@@ -754,14 +786,19 @@ def _spot_over(edge: Edge, contact: Contact, point: Spot) -> Spot | None:
         if not is_segment:
             return None
         ux, uy = -ux, -uy
+    # A contact may be deep under the edge if a body lands beside the seam. Far above
+    # the edge, it belongs to another surface.
     height = px * ux + py * uy
     if not -BELOW <= height <= LEVEL:
         return None
+    # The normal must point from the seam along the edge: measure the length that
+    # remains in its direction, and accept a small gap between the two surfaces.
     remaining_length = px * dx + py * dy
     if contact[0][0] * dx + contact[0][1] * dy > 0:
         remaining_length = length - remaining_length
     if not ABOVE < remaining_length <= length + GAP:
         return None
+    # Move the point to a fixed height over the edge: there the caller tests for a step.
     lift = ABOVE - height
     return point[0] + lift * ux, point[1] + lift * uy
 
@@ -790,6 +827,8 @@ def _distance(corners: Sequence[Spot], point: Spot) -> float:
     is_inside = len(corners) > 2
     px, py = point
     x0, y0 = corners[-1]
+    # Inside a clockwise polygon a point is on the same side of all edges. Outside, the
+    # nearest point of each edge is its projection, cut off at both ends.
     for x1, y1 in corners:
         ex, ey = x1 - x0, y1 - y0
         wx, wy = px - x0, py - y0

@@ -189,6 +189,7 @@ class Assemblies:
         with at most `strength` times its limit; `strength` None: only what the pins
         permit now.
         """
+        # Plain numbers are faster than arrays for the few bodies of a usual group.
         spots = _Spots(pose, self._all_bodies)
         shift = np.zeros(pose.shape)
         velocities = velocity.take(self._all_bodies, axis=0).tolist()
@@ -239,6 +240,8 @@ class Assemblies:
                 strength is None or not is_jolt(masses, before, change, max_speed)
             ):
                 return GroupMotion(_triples(list(map(add, before, change))))
+        # Velocities after the step must satisfy J v = goal with impulses of the joints
+        # alone: v' = v + M⁻¹ Jᵀ j, so that (J M⁻¹ Jᵀ) j = goal - J v.
         jacobian = np.array(equations.rows)
         velocities = np.array(before)
         response = (jacobian * masses) @ jacobian.T
@@ -247,6 +250,8 @@ class Assemblies:
         speed_changes = np.array(equations.speeds) - jacobian @ velocities
         impulse = _limited_impulses(response, speed_changes, equations.limits)
         after = velocities + masses * (jacobian.T @ impulse)
+        # A motor may give any speed within its limit. Without motors, a large change of
+        # velocity reveals joints that contradict each other.
         has_motors = len(equations.gaps) < len(equations.rows)
         if strength is not None and not has_motors:
             change = (after - velocities).tolist()
@@ -276,6 +281,8 @@ class Assemblies:
         speeds: list[float] = []
         bounds: list[BoundedRow] = []
         for joint in group.joints:
+            # Equations hold always, bounds only if they are reached: both go into one
+            # system, because a rope may pull on a hinge.
             joint_rows, gaps = _rows(joint, columns, spots, size)
             rows += joint_rows
             # Each gap should be closed at the end of the step.
@@ -496,6 +503,7 @@ def _limited_impulses(response: Array, goal: Array, limits: list[float]) -> Arra
 
     A motor beyond its limit acts with the limit, and the other rows are solved again.
     """
+    # Solve without limits first. In most steps no motor is at its limit.
     impulse = _solve_system(response, goal)
     if min(limits) == inf:
         return impulse
@@ -504,6 +512,7 @@ def _limited_impulses(response: Array, goal: Array, limits: list[float]) -> Arra
         return impulse
     limited_impulses = np.sign(impulse) * np.minimum(limits, np.abs(impulse))
     limited_impulses = np.where(is_saturated, limited_impulses, 0.0)
+    # Move the known impulses to the right side of the system, and solve for the others.
     is_free = ~is_saturated
     free_response = response[np.ix_(is_free, is_free)]
     coupling = response[np.ix_(is_free, is_saturated)]
@@ -526,6 +535,8 @@ def _close_gaps_at_rest(
     that the motion never had: `after`, if it is a jolt. The gap is closed by a
     displacement without velocity instead.
     """
+    # Remove from the present velocities all parts that the joints exclude: this is the
+    # motion that the joints permit, without any attempt to close gaps.
     masses = group.inverse_masses
     jacobian = np.array(equations.rows)
     resting_impulses = _solve_system(response, jacobian @ before)
@@ -533,9 +544,12 @@ def _close_gaps_at_rest(
     change = (after - rest_velocities).tolist()
     if not is_jolt(masses, rest_velocities, change, max_speed):
         return None
+    # At contradictory joints the system is nearly singular. A softness by the diagonal
+    # limits the displacements, and the next steps close the rest of the gaps.
     compliance = np.diag(np.diag(response) * SOFTNESS)
     closing_impulses = np.linalg.solve(response + compliance, np.array(equations.gaps))
     displacements = np.array(masses) * (jacobian.T @ closing_impulses)
+    # The removed velocities took their energy along.
     loss = _energy(masses, before) - _energy(masses, rest_velocities)
     velocities = rest_velocities.reshape(-1, 3).tolist()
     return GroupMotion(velocities, 0.0, loss, -displacements.reshape(-1, 3))
@@ -552,6 +566,8 @@ def _reaction_rows(
     for joint in group.joints:
         joint_rows, _ = _rows(joint, columns, spots, size)
         bounds = bounds_of(joint, columns, spots, size, inf, None)
+        # A slider or a rope also acts through its bounds, whose forces count for its
+        # load.
         is_guide = joint.kind in GUIDES
         if is_guide:
             pulls = [bounded_row.row for bounded_row in bounds]
@@ -719,6 +735,8 @@ def _rows(
     ):
         if body is None:
             x, y = at.tolist()
+            # The world has no velocity and no columns: only the place of its pin
+            # counts.
             gaps[0] -= x
             gaps[1] -= y
             continue

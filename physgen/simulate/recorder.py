@@ -135,6 +135,8 @@ class ContactLog:
 
         `runs`: pair, first and last step, and first time of each run of contacts.
         """
+        # A touch may last over several blocks of steps. It is open until a step without
+        # it follows.
         open_touches = {}
         continued_pairs = set()
         for pair, first_step, last_step, first_time in runs:
@@ -201,6 +203,8 @@ class ContactLog:
         sample_codes = sample_codes[is_nonzero]
         sums = sums[is_nonzero]
         surface_count = max(len(self._surfaces), 1)
+        # Codes number sample, first and second object in one integer; two divisions
+        # recover them.
         samples, pair_codes = np.divmod(sample_codes, surface_count * surface_count)
         first, second = np.divmod(pair_codes, surface_count)
         rows = np.stack([samples, first, second], axis=1)
@@ -319,6 +323,7 @@ class Recorder:
         is_scripted = [motion is Motion.SCRIPTED for motion in motions]
         masses = np.array([body.mass for body in bodies]).reshape(-1)
         moments = np.array([body.moment for body in bodies]).reshape(-1)
+        # A mass of zero excludes static and scripted bodies from all sums of energy.
         self._mass = np.where(is_dynamic, masses, 0.0)
         self._moment = np.where(is_dynamic, moments, 0.0)
         self._is_scripted = np.array(is_scripted + [False] * len(world.walls), bool)
@@ -473,6 +478,9 @@ class Recorder:
         if not self._has_rolls:
             no_rotations = np.zeros((0, 0, 3))
             return no_rotations, no_rotations
+        # A sphere turns about the two axes in the picture by its roll, and about the
+        # viewing axis by its angle. Rotations do not commute: they are composed step by
+        # step as quaternions.
         durations = np.diff(np.concatenate([[self._time], times]))[:, None]
         vectors = np.empty(poses.shape)
         mean_rolls = (rolls[1:] + rolls[:-1]) / 2
@@ -571,6 +579,8 @@ class Recorder:
         pairs = np.concatenate([step.braking[0] for step in steps])
         # The world, index -1, does not spin.
         spins = np.pad(spin, ((0, 0), (0, 1)))
+        # Power of a torque between two bodies: the torque times their relative spin.
+        # Rolling resistance always opposes this spin.
         spin_differences = np.abs(spins[rows, pairs[:, 0]] - spins[rows, pairs[:, 1]])
         impulse = np.array(
             [angular_impulse for step in steps for angular_impulse in step.braking[1]]
@@ -625,6 +635,7 @@ class Recorder:
         poses = np.concatenate([pose, zeros], axis=1)
         mean_velocities = np.concatenate([(before + after) / 2, zeros], axis=1)
         last_velocities = np.concatenate([after, zeros], axis=1)
+        # A script sets the velocity for the whole step, and no contact changes it.
         mean_velocities[:, self._is_scripted] = last_velocities[:, self._is_scripted]
         partners = []
         for objects in (touch.first, touch.second):
@@ -720,6 +731,8 @@ class Recorder:
         first = [touch.first]
         second = [touch.second]
         impulse = [touch.impulse]
+        # Impacts occur at their own times within the step, before the contacts at its
+        # end.
         for number, step in enumerate(steps):
             for impacts in step.impacts:
                 contact_steps.append(np.full(len(impacts.first), number))
@@ -771,6 +784,9 @@ class Recorder:
         (S, N, 3), and velocities (S, N, 3) before and after.
         """
         pose, before, after = motion
+        # Angular momentum is exact: moment * change of spin = torques of contacts +
+        # torques of loads. A difference shows that the impulses act at other places
+        # than estimated.
         torque, leeway = self._torques(touch, row, places, pose)
         error = self._moment * (after - before)[:, :, 2] - torque
         for step_number, step in enumerate(steps):
@@ -778,6 +794,7 @@ class Recorder:
                 error[step_number] -= step.load.total[:, 2] * step.h
         # A larger error has another cause, which the balance must show.
         error[np.abs(error) > leeway] = 0.0
+        # The missing torque does its work at the mean spin of the step.
         losses = -error * (before + after)[:, :, 2] / 2
         inertia = np.stack([self._mass, self._mass, self._moment], axis=1)
         weights = self._mass * float(np.hypot(*self.world.gravity))
@@ -820,6 +837,8 @@ class Recorder:
 
         Poses change linearly between the ends of two steps, as do the energies.
         """
+        # The engine's steps do not depend on the frame rate: a sample lies anywhere
+        # within its step, or at one of its ends within rounding errors.
         end_times = motion.times
         sample_end = int(
             np.searchsorted(self.times, end_times[-1] + 1e-12, side="right")
@@ -832,6 +851,8 @@ class Recorder:
         fractions = (times - begin_times) / np.maximum(durations, 1e-300)
         fractions = np.maximum(0.0, fractions)
         is_at_end = times > end_times[step_rows] - 1e-9 * durations
+        # A sample at the end of a step must not mix in the pose before, not even by a
+        # rounding error.
         fractions[(durations <= 0) | is_at_end] = 1.0
         self._sample_motion(samples, steps, motion, step_rows, fractions, durations)
         self._sample_energy(samples, motion, step_rows, fractions)
@@ -943,6 +964,9 @@ class Recorder:
         )
         bodies = self.moving[changed_rows]
         impact_age = max(float(b.earlier.max()) for b in step.impacts if len(b.earlier))
+        # Before the first impact, count forward from the beginning of the step with the
+        # old velocity; after it, count back from the end with the new one. Both ends
+        # then agree with the engine.
         if time < step.time - impact_age:
             v[bodies] = step.velocities_before_impacts[changed_rows]
             x[bodies] = (
@@ -958,6 +982,9 @@ class Recorder:
         """Return kinetic and potential energy (S,) of the dynamic bodies in S poses (S,
         N, 3).
         """
+        # Kinetic energy m v² / 2 + I w² / 2, with the roll of spheres about the other
+        # two axes; the moments of a sphere are equal about all axes. Potential energy
+        # -m g·x in gravity, plus that of springs and fields.
         square_speeds = velocity[..., 0] ** 2 + velocity[..., 1] ** 2
         square_spins = velocity[..., 2] ** 2 + (roll**2).sum(axis=-1)
         kinetic = (self._mass * square_speeds + self._moment * square_spins).sum(

@@ -160,6 +160,8 @@ class Space:
         """Prepare the memory in which the engine's states and loads are read and
         written at once.
         """
+        # pymunk's batch functions copy all states in one call. Attributes of Python
+        # objects would take longer than the step itself.
         space = self._space
         self.moving = np.flatnonzero(
             [body.motion is not Motion.STATIC for body in world.bodies]
@@ -201,6 +203,7 @@ class Space:
         smooth_walls = [k for k, wall in enumerate(world.walls) if wall.is_smooth]
         self._smooth = frozenset(len(world.bodies) + k for k in smooth_walls)
         """Smooth curves, without internal edges."""
+        # Poses at the start suffice for static owners, which never move.
         self._still_poses = [(*body.position, body.angle) for body in owners]
         self._shapes: list[Any] = []
         outlines: list[ShapeOutline] = []
@@ -300,6 +303,8 @@ class Space:
 
         Contacts without a solution have no points.
         """
+        # Rows of words (partners and count) and numbers belong together: both are
+        # filtered by the same mask.
         words = self._contacts._int_arr
         numbers = self._contacts._float_arr
         raw = ffi.buffer(words.arr, 8 * words.num)[:]
@@ -398,6 +403,7 @@ class Space:
         If the centre is in line with a side, the engine takes the normal of the side for
         that of the corner, and the radius for the overlap.
         """
+        # The case needs a circle and a polygon: other pairs have right normals.
         first = self._outlines[key[0]]
         second = self._outlines[key[1]]
         is_second = not second.corners
@@ -645,6 +651,8 @@ def _reach_of_corners(outline: ShapeOutline) -> float:
 
 def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
     """Convert a shape to plain numbers; corners are clockwise in the image."""
+    # The circle around the middle of the bounding box is not the smallest one, but
+    # quick to compute, and large enough for a first exclusion.
     assert shape.body is not None
     is_static = shape.body.body_type == pymunk.Body.STATIC
     if isinstance(shape, pymunk.Circle):
@@ -698,6 +706,7 @@ def _pairs_apart(world: World) -> frozenset[tuple[int, int]]:
             )
             if not is_collision:
                 pairs.append((first, second))
+    # Both orders are stored, so that a look-up needs no sorting.
     reversed_pairs = [(second, first) for first, second in pairs]
     return frozenset([*pairs, *reversed_pairs])
 
@@ -715,6 +724,7 @@ def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
         body = pymunk.Body(body_type=pymunk.Body.STATIC)
     else:
         body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+    # The centre of mass is the origin of all shapes: Chipmunk expects the centre there.
     body.position = tuple(model.center.tolist())
     space.add(body)
     if model.radius is not None:
@@ -753,6 +763,7 @@ def _add_wall(
     solid_shapes: list[pymunk.Shape] = [
         pymunk.Poly(body, p.tolist()) for p in wall.pieces
     ]
+    # A round wall is a true circle: a polygon would make balls jump at its corners.
     if wall.disc is not None:
         (x, y), radius = wall.disc
         solid_shapes = [pymunk.Circle(body, radius, (float(x), float(y)))]
@@ -792,6 +803,8 @@ def _neighbours(walls: Sequence[Wall]) -> dict[tuple[float, ...], list[float]]:
     for k, near in enumerate(nears):
         low, high = np.searchsorted(sorted_x, [near[0] - SEAM, near[0] + SEAM])
         others = order[low:high]
+        # The next segment must begin at this end and go on in the same direction: the
+        # two outward directions are then opposite.
         is_near = np.hypot(*(nears[others] - near).T) <= SEAM
         is_straight = directions[others] @ directions[k] <= -STRAIGHT
         for other in others[is_near & is_straight].tolist():
@@ -900,6 +913,8 @@ def _add_joints(
             parts.append(pymunk.GearJoint(a, b, 0.0, 1.0))
         added[joint.name] = parts
         for part in parts:
+            # An error bias of 1 lets Chipmunk leave all position errors alone, since
+            # joints.py closes gaps.
             part.error_bias = 1.0
             part.collide_bodies = joint.collide
             space.add(part)

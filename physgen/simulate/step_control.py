@@ -131,6 +131,9 @@ class StepDivider:
 
     def parts(self, state: Array, h: float) -> int:
         """Return the parts of a step of h seconds; 1 if fast bodies meet no other."""
+        # A body that moves farther in a step than a share of its own size could jump
+        # over another one. Infinite ratios are bodies out of control, which more steps
+        # do not help.
         ratio = self._movement_ratio(state, h, self._push_speeds)
         fast_rows = np.flatnonzero((ratio > 1) & np.isfinite(ratio))
         if not len(fast_rows):
@@ -164,6 +167,8 @@ class StepDivider:
                 parts = max(parts, min(TUNING.max_parts, ceil(ratio[k])))
                 if parts > self._parts_left and self.exceeded_by is None:
                     self.exceeded_by = k
+        # The budget bounds the time of a run: a body at absurd speed must not divide
+        # each step into thousands.
         parts = min(parts, self._parts_left)
         self._parts_left -= parts
         return parts
@@ -239,6 +244,8 @@ class Governor:
             sweeps -= sweeps // 8
         self.sweeps = min(self._sweep_limit, max(minimum, sweeps))
         self.max_sweeps = max(self.max_sweeps, self.sweeps)
+        # Many impacts in a step mean objects that chatter at rest. A higher threshold
+        # lets the engine treat them as resting contacts.
         if self._impacts > TUNING.impact_rate * steps:
             self.rest_factor = min(TUNING.max_rest_factor, self.rest_factor * 2)
         elif self._impacts < TUNING.impact_rate * steps / 4:

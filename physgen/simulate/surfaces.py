@@ -123,10 +123,14 @@ class SpecialSurfaces:
         """Record whether a contact slid, with friction at its maximum."""
         if arbiter.shapes not in self._slides:
             return
+        # Split the impulse into its normal part and the friction along the surface,
+        # whose signs do not matter.
         jx, jy = arbiter.total_impulse
         nx, ny = arbiter.normal
         normal_impulse = abs(jx * nx + jy * ny)
         side_impulse = abs(jx * ny - jy * nx)
+        # Normal impulses of stacks fluctuate from step to step. Their exponential mean
+        # prevents a contact from seeming to slide in each weak step.
         mean = self._normals.get(arbiter.shapes, normal_impulse)
         self._normals[arbiter.shapes] = mean + (normal_impulse - mean) / STEADY
         if normal_impulse > 0:

@@ -169,6 +169,8 @@ class Trajectory:
         `least_distance` px or more. None if a body is inside at the end, or if none
         moves.
         """
+        # A body is out of the picture if the whole circle around it is, which is on the
+        # safe side for any rotation.
         centres = self.poses[:, :, :2]
         is_moving = np.ptp(centres, axis=0).max(axis=-1, initial=0.0) >= least_distance
         margins = reaches[is_moving][:, None]
@@ -368,6 +370,7 @@ def compose_quaternions(later: Array, earlier: Array) -> Array:
 
     The composition is Hamilton's product.
     """
+    # Order of the components: w, x, y, z. The product is not commutative.
     a = np.moveaxis(later, -1, 0)
     b = np.moveaxis(earlier, -1, 0)
     return np.stack(
@@ -404,6 +407,7 @@ def rotation_matrices(quaternion: Array) -> Array:
     axes.
     """
     w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    # The quaternion must have unit length; the formula does not divide by the length.
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],

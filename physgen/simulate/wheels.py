@@ -104,6 +104,7 @@ def fold_wheels(trajectory: Trajectory, world: World) -> Trajectory:
     wheels = worlds_wheels(world)
     if not wheels:
         return trajectory
+    # The engine's bodies are those of the world, then all wheels.
     count = len(world.bodies)
     owners = np.array([k for k, _ in wheels], np.int32)
     # A wheel's turn counts relative to its vehicle.
@@ -132,6 +133,8 @@ def _vehicle_index(partners: NDArray[np.integer], count: int, owners: Index) -> 
 
 def _fold_contacts(contacts: Contacts, count: int, owners: Index) -> Contacts:
     """Return the contacts with those of wheels assigned to their vehicles."""
+    # Wheels are bodies of the engine only: outside, their contacts are those of their
+    # vehicle.
     surfaces = contacts.surfaces
     pairs = _vehicle_index(contacts.touch_pairs, count, owners)
     pairs, times = _merged_touches(pairs, contacts.touch_times)
@@ -153,6 +156,7 @@ def _fold_contacts(contacts: Contacts, count: int, owners: Index) -> Contacts:
 
 def _merged_touches(pairs: Index, times: Array) -> tuple[Index, Array]:
     """Merge the touches of one pair that overlap in time."""
+    # Sorted by pair and begin, touches that overlap follow each other.
     order = np.lexsort((times[:, 0], pairs[:, 1], pairs[:, 0]))
     merged_pairs: list[tuple[int, int]] = []
     merged_times: list[list[float]] = []
@@ -164,6 +168,7 @@ def _merged_touches(pairs: Index, times: Array) -> tuple[Index, Array]:
             continue
         merged_pairs.append(pair)
         merged_times.append([begin, end])
+    # Contacts of a trajectory are in the order of their begins.
     by_time = sorted(range(len(merged_pairs)), key=lambda k: merged_times[k][0])
     all_pairs = np.array([merged_pairs[k] for k in by_time], np.int32).reshape(-1, 2)
     all_times = np.array([merged_times[k] for k in by_time], np.float64)

@@ -61,6 +61,8 @@ def _thin_walls(draw: Draw) -> list[Case]:
             objects[name] = _fast_ball(draw, side, top, surface)
         halves[f"ball-{k}-left"] = _HalfRoom(LEFT, MIDDLE, top)
         halves[f"ball-{k}-right"] = _HalfRoom(MIDDLE, RIGHT, top)
+    # The ball moves several times the wall's thickness in a step of the engine: without
+    # a test of its path, it would tunnel through the wall.
     document = scene((500, 380), 0.2, objects, walls, world=FLOATING)
     return [Case(document, partial(_escape_error, halves), rate=960)]
 
@@ -150,6 +152,8 @@ def _hollow_outline(draw: Draw) -> list[Case]:
     radius = draw.number(12, 24)
     is_loose = draw.index % 2 == 0
     surface = {"friction": draw.number(0.3, 0.8), "elasticity": draw.number(0, 0.5)}
+    # The ball must fall inside the hollow, which a convex hull of the outline would
+    # close.
     offset = draw.number(-0.8, 0.8) * (hollow.width / 2 - radius)
     motion: Document
     if is_loose:

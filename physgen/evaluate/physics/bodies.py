@@ -82,6 +82,8 @@ def _roly_poly(draw: Draw) -> list[Case]:
     spin = sqrt(2 * mass * GRAVITY * low * versine / least)
     spin *= draw.sign()
     middle = np.array([320.0, 300 - radius])
+    # At the start the toy is upright and rolls: its centre of mass, at the distance R -
+    # d over the floor, moves with the spin times this distance.
     objects = {
         "toy": circle(
             middle,
@@ -111,9 +113,12 @@ def _motion_error(
     turned = run.track("turned")
     # Damping shrinks every speed by the factor e^(-c t).
     left = np.exp(-damping * slowed.times)
+    # With the speed v e^(-c t), the path is v / c (1 - e^(-c t)): its share of v / c
+    # must be 1 - e^(-c t).
     covered_part = slowed.displacements[:, 0] * damping / speed
     fall = scale * GRAVITY * light.times**2 / 2
     fall_error = np.abs(light.displacements[:, 1] - fall).max()
+    # A constant torque gives a constant angular acceleration, torque / moment.
     final_spin = gain * turned.times[-1]
     errors = [
         np.abs(covered_part - (1 - left)).max(),
@@ -137,6 +142,7 @@ def _own_numbers(draw: Draw) -> list[Case]:
     time = 1.0
     size = draw.number(30, 60), draw.number(20, 40)
     moment = mass * draw.number(200, 2000, 0)
+    # Without gravity, only the number in question changes the motion of the body.
     floats = {"gravity_scale": 0}
     objects = {
         "slowed": box(
@@ -198,6 +204,8 @@ def _shuttle(draw: Draw) -> list[Case]:
     period = draw.number(0.3, 0.7, 3)
     way = draw.number(60, 200, 1)
     turn = draw.number(-90, 90, 0)
+    # The path is repeated from its last knot on: the place returns, and the angle goes
+    # on.
     knots = [
         [0, 200.0, 100.0, 0],
         [period / 2, 200 + way, 100.0, turn],

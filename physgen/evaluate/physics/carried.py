@@ -58,6 +58,8 @@ def _belt(draw: Draw) -> Case:
     angle = draw.angle()
     speed = draw.number(80, 240, 0)
     way = np.array([cos(angle), sin(angle)])
+    # Kinetic friction accelerates the puck by mu g, until the puck has the speed u of
+    # the belt: the time is u / (mu g), the path u² / (2 mu g).
     gain = mu * GRAVITY
     # The way of the puck until it has the belt's speed.
     reach = speed**2 / (2 * gain)
@@ -71,6 +73,7 @@ def _belt(draw: Draw) -> Case:
     )
 
     fields = {"belt": belt}
+    # Some time after the pick-up shows that the puck rides on without further work.
     document = scene((640, 640), time + 0.3, {"puck": puck}, world=world, fields=fields)
     return Case(document, measure, "belt")
 
@@ -149,6 +152,8 @@ def _turntable(draw: Draw) -> Case:
     side = draw.angle()
     # Friction holds the puck on its circle: mu g must exceed w² r.
     mu = draw.number(1.3, 2.0) * spin**2 * distance / GRAVITY
+    # A puck that rides with the disc needs the force m w² r towards its middle, and
+    # must not begin to slide.
     puck = _RidingPuck(distance * np.array([cos(side), sin(side)]), spin)
     objects = {
         "ball": circle(

@@ -134,6 +134,8 @@ def _momenta(draw: Draw) -> list[Case]:
     speed = draw.number(150, 300, 0)
     keys = {"mass": draw.mass(), "velocity": list(vector(angle, speed)), **surface}
     offset = draw.sign() * draw.number(8, 16)
+    # The thrown body passes the meeting point beside its centre, so that the hit turns
+    # both bodies.
     start = place_along(MEETING_POINT, angle, -110, offset)
     objects = {
         "thrown": {

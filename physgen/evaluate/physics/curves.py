@@ -21,6 +21,8 @@ def _loop(draw: Draw) -> list[Case]:
     radius = draw.number(100, 140, 1)
     ball = draw.number(8, 14)
     whole, side = radius - ball, draw.sign()
+    # At the top, gravity alone must not pull the puck off the loop: v² > g R there, and
+    # energy gives v0² > 5 g R at the bottom.
     square = draw.number(5.5, 8) * GRAVITY * whole
     speed = sqrt(square)
     objects = {
@@ -83,6 +85,8 @@ def _slide(draw: Draw) -> list[Case]:
             velocity=[side * speed, 0], **SMOOTH,
         )
     }  # fmt: skip
+    # Without friction the speed depends on the height alone, whatever the shape of the
+    # slide.
     exact = sqrt(speed**2 + 2 * GRAVITY * drop)
 
     def measure(run: Run) -> Errors:

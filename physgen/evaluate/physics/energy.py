@@ -65,6 +65,7 @@ def _bouncing(draw: Draw) -> Case:
     objects["box"] = box(
         (260, 280), (60, 30), 20, mass=draw.mass(), spin=200.0, **_surface(draw)
     )
+    # With losses at every contact, the energy must never rise.
     surface = _surface(draw)
     walls = {
         "floor": segment((20, 380), (500, 380), **surface),

@@ -34,6 +34,8 @@ from physgen.evaluate.physics.staging import (
 def _free_fall(draw: Draw) -> list[Case]:
     """Return the case of a ball, a box and a hoop in free fall."""
     gravity = draw.number(300, 1500, 0)
+    # Masses, sizes, spins and mass distributions differ: none of them may change a free
+    # fall.
     objects = {
         "ball": circle(
             (80, draw.number(30, 60)),
@@ -95,6 +97,7 @@ def _projectile(draw: Draw) -> list[Case]:
         "ball": _Throw(draw.number(300, 600, 0), draw.number(35, 75, 0)),
         "box": _Throw(draw.number(300, 600, 0), draw.number(105, 145, 0)),
     }
+    # The spin of a body without air must not bend its path.
     objects = {}
     for name, throw in throws.items():
         vx, vy = throw.velocity()
@@ -306,6 +309,8 @@ def _air(draw: Draw) -> list[Case]:
         box_center = (140, 60)
         field = {"wind": [0, 0], "drag": drag}
         world = {}
+    # Quadratic drag with the coefficient k per width: a = g - k w v² / m, which tends
+    # to a limit speed.
     objects = {
         "ball": circle((60, 60), radius, mass=ball_mass),
         "box": box(box_center, (side, side), mass=box_mass),

@@ -172,6 +172,7 @@ def _pushes(draw: Draw) -> list[Case]:
     forces.append({"object": name, "force": force.tolist(), "at": block.point()})
     gains[name] = _Gain(force / block.mass * DURATION, 0.0)
     ride = _Ride(force, block.arm, block.moment)
+    # Without gravity, the momentum after the pushes is the integral of the force alone.
     document = scene((560, 500), DURATION, objects, world=FLOATING, forces=forces)
     measure = partial(_push_error, gains, ride)
     return [Case(document, measure)]
@@ -265,6 +266,8 @@ def _orbits(draw: Draw) -> list[Case]:
         orbits[name] = _Orbit(
             axis, eccentricity, np.array([outward, sideways]), strength
         )
+        # A body starts at its farthest point, at which its velocity is across the line
+        # to the attractor.
         farthest = axis * (1 + eccentricity)
         # The vis-viva equation: v² = strength (2/r - 1/a).
         speed = sqrt(strength * (2 / farthest - 1 / axis))

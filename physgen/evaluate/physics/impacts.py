@@ -92,6 +92,8 @@ def _head_on(draw: Draw) -> list[Case]:
         angle = draw.angle()
         speed = draw.number(150, 300, 0)
         mass = draw.number(20, 200, 0)
+        # Momentum and Newton's rule determine both velocities: masses in the ratio 1 to
+        # 3 leave neither of them at its old speed in general.
         collision = _Collision(angle, speed, elasticities[k])
         surface = {
             "friction": draw.number(0, 0.6),
@@ -150,6 +152,8 @@ def _row_of_balls(draw: Draw) -> list[Case]:
     mass = draw.mass()
     objects: dict[str, Document] = {}
     for j, (lane, gap) in enumerate(GAPS.items()):
+        # The result must not depend on the gap: whether balls touch, nearly touch or
+        # overlap by rounding, the last one leaves with the speed of the first.
         distances = _lane_distances(lane, 2 * radius + gap, has_cue)
         lane_point = partial(_lane_point, offset=(j - 1.5) * 70, direction=direction)
         places = dict(zip(distances, map(lane_point, distances.values()), strict=True))
@@ -349,6 +353,7 @@ def _spin_transfer(draw: Draw) -> list[Case]:
             body = hit.body
             # At a slip of limit over tangential mass, both cases meet.
             slip = part * hit.friction_limit() / hit.tangential_mass()
+            # The slip at the contact is spin * radius: choose the spin that gives it.
             spin = draw.sign() * round(degrees(slip / body.radius), 1)
             changes[kind] += _stage_hit(kind, y, hit, spin, objects, walls)
     document = scene((640, 400), 0.9, objects, walls, world=FLOATING)
@@ -381,6 +386,7 @@ def _stage_hit(
     """
     body, partner = hit.body, hit.partner
     surface = {"friction": hit.friction, "elasticity": hit.elasticity}
+    # The impulse along the surface changes both the sideways velocity and the spin.
     impulse = hit.friction_impulse(spin)
     x = 410
     if partner is None:

@@ -71,6 +71,8 @@ def _hang(
         height = round(2 * arm + 10, 1)
         body = box(center, (width, height), -side * degrees, mass=mass)
         moment = mass * (width**2 + height**2) / 12
+    # A physical pendulum: the moment about the pin follows from that about the centre
+    # (Steiner), and the period of a large swing needs an elliptic integral.
     pin_moment = moment + mass * arm**2
     period = _pendulum_period(pin_moment, mass * GRAVITY * arm, angle)
     pin = {"objects": [name], "pivot": pivot.tolist()}
@@ -152,6 +154,7 @@ def _spring_lane(
     center = [ANCHOR_X + length + stretch, y]
     partner_mass = None
     swinging_mass = mass
+    # Two bodies on a spring swing like one with the reduced mass m1 m2 / (m1 + m2).
     if lane == "pair":
         partner_mass = draw.mass()
         swinging_mass = mass * partner_mass / (mass + partner_mass)
@@ -290,6 +293,8 @@ def _draw_seesaw(draw: Draw, x: float, part: float) -> _Seesaw:
         center = (weight_x, pin[1] - weight.height)
         size = (weight.side, weight.side)
         objects[label] = box(center, size, mass=weight.mass, **surface)
+    # The beginning of the tilt follows from the torque of both weights over the total
+    # moment about the pin.
     plank_moment = mass * (plank[0] ** 2 + plank[1] ** 2) / 12
     moment = plank_moment + left.moment() + right.moment()
     return _Seesaw(objects, pin.tolist(), _tilt(left, right, moment))
@@ -388,6 +393,8 @@ def _drive(
         height = draw.number(90, 140)
         base_mass = draw.mass()
         objects["base"] = box(center, (width, height), mass=base_mass)
+        # A free base turns the other way: both bodies together yield with the sum of
+        # their inverse moments.
         inverse_moment += 12 / (base_mass * (width**2 + height**2))
     speed = draw.sign() * draw.number(300, 900, 0)
     time = draw.number(0.4, 0.8, 3)
@@ -537,6 +544,8 @@ def _weld(draw: Draw) -> list[Case]:
     lower_size = (draw.number(24, 60, 0), draw.number(50, 80, 0))
     masses = (draw.mass(), draw.mass())
     side = draw.sign()
+    # Two welded boxes are one rigid body, with a common centre of mass and a moment by
+    # Steiner's theorem.
     pair = _WeldedPair((upper_size, lower_size), masses, side)
     y = _draw_impact_height(draw, upper_size[1], lower_size[1])
     ball = circle(

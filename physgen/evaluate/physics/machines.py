@@ -91,6 +91,7 @@ def _slider(draw: Draw) -> list[Case]:
             "force": other * speed / time,
         },
     }
+    # The block stops at the end of its rail, at this distance from its start.
     way = length - begin
 
     measure = partial(
@@ -206,6 +207,8 @@ def _rope(draw: Draw) -> list[Case]:
         }
     }
 
+    # The ball flies freely until its distance from the anchor is the length of the
+    # rope.
     rope = _Rope(start, velocity, anchor, length, mass)
     measure = partial(_rope_errors, rope.catch())
     document = scene((640, 300), 1.0, objects, joints=joints)
@@ -280,6 +283,8 @@ def _gears(draw: Draw) -> list[Case]:
         "driver": circle(places[0], radius, mass=masses[0]),
         "wheel": circle(places[1], other, mass=masses[1]),
     }
+    # A wheel turns r times slower with a torque r times larger, so that its energy (I /
+    # r²) w² / 2 counts at the driver.
     moments = [INERTIA["disc"] * masses[0] * radius**2]
     moments.append(INERTIA["disc"] * masses[1] * other**2)
     gain = draw.number(4, 12)
@@ -308,6 +313,7 @@ def _pins(draw: Draw) -> list[Case]:
     mass = draw.mass()
     spin = draw.sign() * draw.number(200, 700, 0)
     time = draw.number(0.5, 1.4, 3)
+    # The friction torque is chosen so that the wheel stops within the clip.
     moment = INERTIA["disc"] * mass * radius**2
     limit = draw.number(15, 70, 1)
     arm = draw.number(60, 100, 1)

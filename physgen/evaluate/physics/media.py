@@ -131,6 +131,8 @@ def _profiles(draw: Draw) -> list[Case]:
             "profile": {name: profile},
         }
         forces.append(force)
+    # The change of velocity is the integral of the factor times force over mass; it
+    # must not depend on steps between knots.
     exact = profiles.integrals(duration - start)
     measure = partial(_profile_error, gain=gain, exact=exact)
     document = scene((480, 400), duration, objects, world=FLOATING, forces=forces)
@@ -222,6 +224,8 @@ def _buoyancy(draw: Draw) -> list[Case]:
     swing = draw.sign() * draw.number(4, 15, 1)
     # The raft floats at the depth at which it displaces its own mass.
     rest = SURFACE + raft_mass / (density * width) - RAFT_HEIGHT / 2
+    # A deeper raft displaces r w more mass per unit of depth: a spring of the stiffness
+    # r w g.
     rate = sqrt(density * width * GRAVITY / raft_mass)
     radius = draw.number(12, 20)
     displaced_mass = density * pi * radius**2
@@ -266,6 +270,8 @@ def _magnets(draw: Draw) -> list[Case]:
     period = draw.number(0.8, 1.6, 3)
     # The relative motion is that of one body with the reduced mass.
     ease = 1 / masses[0] + 1 / masses[1]
+    # Centripetal force of the relative motion: pull / r² = w² r / (1/m1 + 1/m2), solved
+    # for the pull.
     pull = (2 * pi / period) ** 2 * apart**3 / ease
     speed = 2 * pi * apart / period * draw.sign()
     total = sum(masses)
@@ -292,6 +298,8 @@ def _finger(draw: Draw) -> list[Case]:
     frequency = draw.number(1.5, 4)
     time = draw.number(0.3, 0.6, 3)
     speed = draw.sign() * draw.number(100, 200, 0)
+    # The spring pulls from a point that moves at a constant speed v: x'' = w² (v t -
+    # x), which gives x = v t - (v / w) sin w t.
     rate = 2 * pi * frequency
     middle = np.array([320.0, 120.0])
     end = np.array([320 + speed * time, 120.0])

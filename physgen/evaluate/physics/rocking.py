@@ -134,6 +134,7 @@ def _rocking(draw: Draw) -> list[Case]:
         blocks[name] = block
         times[name] = block.impact_times()
     measure = partial(_impact_time_error, times=times, blocks=blocks)
+    # The clip lasts a little longer than the last impact that is compared.
     duration = max(impacts[-1] for impacts in times.values()) + 0.2
     walls = {"floor": segment((10, FLOOR), (490, FLOOR), friction=1.0, elasticity=0.0)}
     document = scene((500, 280), duration, objects, walls)

@@ -54,6 +54,8 @@ def _rolling(draw: Draw) -> list[Case]:
         left = 70 + 320 * j
         if side < 0:
             left += 230
+        # Friction of 1 holds the body on slopes of at most 35 degrees: it rolls without
+        # slip.
         slope = Slope((left, 70), tangent, side, 270)
         center = slope.point(30, radius)
         objects[solid] = circle(
@@ -103,6 +105,7 @@ def _slide_to_roll(draw: Draw) -> list[Case]:
         final_velocities[solid] = side * speed / (1 + k)
         # Friction decelerates with mu g until the body rolls.
         times.append(speed * k / ((1 + k) * mu * GRAVITY))
+    # Rolling has begun for all bodies before the end of the clip.
     document = scene((640, 260), 1.1 * max(times) + 0.1, objects, walls)
     measure = partial(_final_speed_error, final_velocities)
     return [Case(document, measure)]

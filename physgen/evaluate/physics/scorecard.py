@@ -341,6 +341,7 @@ def run_draw(
         try:
             runs = _run_variants(case, path, overrides, simulate)
             errors = case.measure(*runs)
+        # A scene that cannot be simulated is an infinite error, not a missing one.
         except InputError as error:
             for problem in error.problems:
                 problems.append(str(problem).replace(f"{folder}/", ""))

@@ -63,6 +63,7 @@ def _to_rest(draw: Draw) -> list[Case]:
         # Friction decelerates with mu g, whatever the mass.
         displacement = side * speed**2 / (2 * mu * GRAVITY)
         slides[name] = _Slide(displacement, speed / (mu * GRAVITY))
+    # Some time after the stop shows that friction holds the block.
     duration = max(slide.time for slide in slides.values()) + 0.1
     document = scene((640, 360), duration, objects, floors)
     return [Case(document, partial(_slide_error, slides))]
@@ -119,6 +120,8 @@ def _incline(draw: Draw) -> list[Case]:
     slopes = {}
     parts = {"holds": 0.99, "slips": 1.01, "slides": steep}
     for k, (name, part) in enumerate(parts.items()):
+        # A block slips on a slope with a tangent above mu. One per cent on either side
+        # of it is the sharpest test.
         slope = INCLINES.slope(k, part * mu, draw.sign())
         size = (draw.number(30, 44, 0), draw.number(14, 20, 0))
         objects[name] = box(
@@ -164,6 +167,8 @@ def _tipping(draw: Draw) -> list[Case]:
     width over height.
     """
     size = (draw.number(14, 24), draw.number(40, 60))
+    # A block tips if the vertical through its centre passes its lower edge: at a
+    # tangent of width over height.
     ratio = size[0] / size[1]
     surface = {"friction": 1.5, "elasticity": draw.number(0, 0.3)}
     objects, walls = {}, {}
@@ -221,6 +226,8 @@ def _seams(draw: Draw) -> list[Case]:
     # Both seams are within the way of the block.
     cuts = sorted(round(70 + part * distance, 2) for part in parts)
     spans = _floor_spans(cuts, gap)
+    # Every floor is level and has the same friction: the seams must not change the
+    # path.
     objects = {"shelf": _shelf(spans, surface), "comb": _comb(cuts, surface)}
     for name, y in RIDERS.items():
         objects[name] = box(
@@ -323,6 +330,7 @@ def _pulled_slab(draw: Draw) -> list[Case]:
         sections["forces"] = [{"object": "block-0", "force": [pull, 0]}]
     sections["boundaries"] = {"floor": segment((-400, 240), (1000, 240), **surface)}
     document = scene((640, 280), PULL_TIME, objects, **sections)
+    # Friction alone moves the blocks above, each with at most mu g.
     acceleration = side * mu * GRAVITY
     return [Case(document, partial(_pull_error, upper_blocks, acceleration), rate=480)]
 
@@ -368,6 +376,7 @@ def _friction_rules(draw: Draw) -> list[Case]:
         velocity=[speed, 0],
         friction=block_friction,
     )
+    # The two coefficients differ, so that both rules give different paths.
     floor = segment((20, 120), (480, 120), friction=floor_friction)
     # The product is smaller than the geometric mean, and gives the longer way.
     product = block_friction * floor_friction

@@ -126,6 +126,7 @@ def _puck(draw: Draw) -> list[Case]:
             objects[name] = box(center, (2 * size, size), tilt, **keys)
         # Without spin, friction acts against the velocity: d = v²/(2 mu g).
         displacements[name] = np.array(velocity) * speed / (2 * mu * GRAVITY)
+    # The time until rest, v / (mu g), for the highest speed drawn.
     duration = 320 / (mu * GRAVITY) + 0.1
     document = scene((640, 540), duration, objects, world=_table(mu))
     measure = partial(_puck_error, displacements)
@@ -204,6 +205,8 @@ def _spin_down_error(spin_downs: Mapping[str, _SpinDown], run: Run) -> Errors:
     for name, motion in spin_downs.items():
         spin, deceleration = motion.spin, motion.deceleration
         track = run.track(name)
+        # At half the time to rest, half of the spin must be left: an error of the law
+        # shows there most.
         half_time = track.sample(abs(spin) / deceleration / 2)
         expected = abs(spin) - deceleration * track.times[half_time]
         remaining_spin = abs(track.spin[half_time])
@@ -267,6 +270,8 @@ def _coupled_discs(draw: Draw) -> list[Case]:
             puck = FARKAS
         else:
             puck = _Puck.random(draw)
+        # A spin lowers the friction against sliding, since the surface slips in all
+        # directions: both motions end at the same time (Farkas et al.).
         spin = draw.sign() * round(degrees(puck.spin), 6)
         velocity = [puck.speed * cos(puck.angle), puck.speed * sin(puck.angle)]
         objects[name] = circle(
@@ -446,6 +451,8 @@ def _follow_shot(draw: Draw) -> Case:
         "friction": mu**2 / 10,
         "elasticity": 1.0,
     }
+    # In the hit the cue ball gives up its velocity and keeps its roll: friction then
+    # drives it after the other ball.
     direction = np.array([cos(angle), sin(angle)])
     velocity = speed * direction
     cue_center = (60, 180)

@@ -82,6 +82,8 @@ def ask_gravity(motion: Motion) -> list[Evidence]:
     gravity = motion.gravity
     if gravity is None:
         return []
+    # All flights of one clip have one gravity, whatever it is: the median of all needs
+    # no scale.
     size = float(np.hypot(*gravity))
     evidence = []
     for k, flight in motion.flights:
@@ -318,6 +320,8 @@ def ask_overlap(motion: Motion) -> list[Evidence]:
     evidence = []
     paths = [_dense_path(motion, k) for k in range(len(tracks.names))]
     for pair in combinations(range(len(tracks.names)), 2):
+        # The gap is negative for bodies in each other. Outlines are inexact: the depth
+        # in the first frames counts as none.
         gap = motion.gap(*pair)
         width = min(tracks.forms[k].width for k in pair)
         is_guided = set(pair) <= tracks.guided_bodies or motion.passes(*pair)
@@ -345,6 +349,8 @@ def _greatest_depth(
     frame = int(np.nanargmin(gap))
     first, second = (motion.tracks.forms[k] for k in pair)
     if first.is_round and second.is_round:
+        # The distance of two discs is exact at any time between frames; other shapes
+        # would need their angles there.
         distances = np.hypot(*(paths[pair[0]] - paths[pair[1]]).T)
         depths = first.reach + second.reach - distances
         if np.nanmax(depths, initial=-np.inf) > depth:
@@ -399,6 +405,7 @@ def _worst_step(motion: Motion, body: int, first: int, last: int) -> Evidence:
     noise = TUNING.jump * float(motion.sigma[body])
     steps = motion.steps[first : last - 1, body]
     worst, frame, distance = 0.0, first, 0.0
+    # The first and the last step have no neighbours on both sides to compare with.
     for k in range(1, len(steps) - 1):
         offset = _step_offset(steps, k)
         if offset <= noise:

@@ -281,6 +281,8 @@ class Motion:
     def _changes_acceleration(self, turn: Turn) -> bool:
         """Return whether a fast body's acceleration certainly changes."""
         a, b = turn.before, turn.after
+        # A change counts if it exceeds three times its own error, and a share of the
+        # acceleration itself.
         change = float(np.hypot(*(a.acceleration - b.acceleration)))
         error = float(np.hypot(a.error(turn.time, 2), b.error(turn.time, 2)))
         size = max(float(np.hypot(*a.acceleration)), float(np.hypot(*b.acceleration)))
@@ -481,6 +483,8 @@ def _impact(motion: Motion, turn: Turn) -> Impact | None:
             partners.append(partner)
         elif motion.has_sudden_turn(body, turn.time, TUNING.late_time):
             return None
+    # No partner means a wall or the floor; two partners share the momentum in an
+    # unknown way.
     if not partners:
         return Impact(first, (turn,))
     if len(partners) > 1 or not motion.is_free(partners[0].body):
@@ -511,6 +515,7 @@ def _has_third_body(motion: Motion, turn: Turn, partner: Turn) -> bool:
 
 def _partner(motion: Motion, body: int, turn: Turn) -> Turn | None:
     """Return the turn of another body at the same time, or None if unknown."""
+    # A visible turn at the same time is the best evidence of a partner.
     for partner in motion.turns[body]:
         delay = abs(partner.time - turn.time)
         if delay <= TUNING.same_time * motion.tracks.step:

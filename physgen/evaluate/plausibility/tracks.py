@@ -141,6 +141,7 @@ def read(
     """Yield the tracks of every clip in a path. `fps` and `view` belong to tables.
     Raise InputError.
     """
+    # A folder with a scene file stands for this scene; any other folder contains clips.
     ending = path.suffix.lower()
     if path.is_dir():
         scene = path / "scene.yaml"
@@ -353,6 +354,7 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
             f"{count:,} frames of {len(names):,} bodies",
             most=LIMITS.cells,
         )
+    # A body may be missing in some frames: its places stay unknown there.
     places = np.full((count, len(names), 2), np.nan)
     radii: dict[str, list[float]] = {name: [] for name in names}
     for owner, row in zip(owners, rows, strict=True):

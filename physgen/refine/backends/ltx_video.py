@@ -67,6 +67,8 @@ class LtxVideo:
         """
         frames, _, height, width = shape
         config = self._scheduler.config
+        # Noise hides a large picture less than a small one: the shift moves the levels
+        # towards noise, as in the training of the model.
         mu = calculate_shift(
             frames * height * width,
             config.base_image_seq_len,

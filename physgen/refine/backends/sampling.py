@@ -174,6 +174,7 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
     times = levels(len(alphas), steps, config.steps_offset)[-count:]
     # The schedule ends at the picture itself, which is signal without noise.
     a = np.append(alphas[times], 1.0)
+    # Variance-preserving noise: x = sqrt(a) picture + sqrt(1 - a) noise.
     signal, noise_part = (
         np.sqrt(a).astype(np.float32),
         np.sqrt(1 - a).astype(np.float32),
@@ -194,6 +195,8 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
             noise = prediction
         return np.asarray(signal[k + 1] * z0 + noise_part[k + 1] * noise, np.float32)
 
+    # The last `count` levels only: the refinement begins in the middle of the schedule
+    # (Algorithm 1 of the paper).
     return Schedule(type(scheduler).__name__, torch.from_numpy(times), add_noise, step)
 
 
@@ -227,6 +230,8 @@ def euler(scheduler: Any, steps: int, count: int, **settings: Any) -> Schedule:
     def add_noise(latents: F32, noise: F32, k: int) -> F32:
         return np.asarray((1 - sigmas[k]) * latents + sigmas[k] * noise, np.float32)
 
+    # The network predicts the velocity noise - data of a straight path, on which
+    # Euler's step is exact.
     def step(prediction: F32, latents: F32, k: int) -> F32:
         return np.asarray(
             latents + (sigmas[k + 1] - sigmas[k]) * prediction, np.float32
