@@ -9,6 +9,7 @@ from physgen.photometry import (
     encode,
     encode_u8,
     fit_light,
+    largest_channel,
     sphere_normals,
 )
 
@@ -23,6 +24,17 @@ def light(
 def ball() -> np.ndarray:
     normals, inside = sphere_normals(91, 91, (45.0, 45.0), 42.5)
     return normals[inside]
+
+
+@pytest.mark.parametrize("shape", [(7, 5, 3), (4, 3), (6, 2, 1)])
+def test_largest_channel_equals_the_maximum(shape: tuple[int, ...]):
+    picture = np.random.default_rng(0).normal(size=shape)
+    picture[0, ..., 0] = np.nan
+    unchanged = picture.copy()
+    assert np.array_equal(
+        largest_channel(picture), picture.max(axis=-1), equal_nan=True
+    )
+    assert np.array_equal(picture, unchanged, equal_nan=True)
 
 
 def test_every_code_survives():
