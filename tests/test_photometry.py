@@ -5,6 +5,8 @@ import pytest
 
 from physgen.photometry import (
     DistantLight,
+    channel_mean,
+    channel_sum,
     decode,
     encode,
     encode_u8,
@@ -35,6 +37,16 @@ def test_largest_channel_equals_the_maximum(shape: tuple[int, ...]):
         largest_channel(picture), picture.max(axis=-1), equal_nan=True
     )
     assert np.array_equal(picture, unchanged, equal_nan=True)
+
+
+@pytest.mark.parametrize("number", [np.float32, np.float64])
+def test_sums_of_channels_equal_those_of_numpy(number: type[np.floating]):
+    picture = np.random.default_rng(1).normal(size=(40, 30, 3)).astype(number)
+    unchanged = picture.copy()
+    assert np.array_equal(channel_sum(picture), picture.sum(axis=2))
+    assert np.array_equal(channel_mean(picture), picture.mean(axis=2))
+    assert channel_mean(picture).dtype == number
+    assert np.array_equal(picture, unchanged)
 
 
 def test_every_code_survives():
