@@ -8,7 +8,7 @@ across a line `FAR` px outside of it. Each step is the distance between the mean
 colours of two bands of `BAND` px, averaged over `SECTORS` sectors around the object.
 A background without any trace of the object has about 1.
 
-Photos are folders NAME of `$PHYSGEN_MATERIAL/../photos` (original.png and mask.png)
+Photos are folders NAME of `$PHYSGEN_MATERIAL/photos` (original.png and mask.png)
 and of `$PHYSGEN_PEER_SCENES`.
 """
 
@@ -53,7 +53,7 @@ def labelled_photos(names: list[str]) -> Iterator[tuple[str, str, Path, Path]]:
     if peers := os.environ.get("PHYSGEN_PEER_SCENES"):
         folders.append(("peers", Path(peers)))
     if material := os.environ.get("PHYSGEN_MATERIAL"):
-        folders.append(("photos", Path(material).parent / "photos"))
+        folders.append(("photos", Path(material) / "photos"))
     for group, folder in folders:
         for picture in sorted(folder.glob("*/original.png")):
             mask = picture.with_name("mask.png")

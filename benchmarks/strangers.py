@@ -1,6 +1,6 @@
 """`physgen clip` on photos of strangers: what moves, how the clip ends, and what it costs.
 
-    PHYSGEN_MATERIAL=DIR python benchmarks/run.py strangers      # photos DIR/../photos/strangers
+    PHYSGEN_MATERIAL=DIR python benchmarks/run.py strangers      # photos DIR/photos/strangers
     PHYSGEN_MATERIAL=DIR python benchmarks/strangers.py OUT      # the same; keeps the clips in OUT
 
 Ratings of the clips by eye are in benchmarks/ratings.yaml.
@@ -45,8 +45,8 @@ BORDER = 0.005
 def strangers(folder: Path) -> list[dict[str, Any]]:
     """Make a clip of each photo; return a row of measures for each."""
     if "PHYSGEN_MATERIAL" not in os.environ:
-        sys.exit("PHYSGEN_MATERIAL: name the folder beside photos/strangers")
-    folder_of_photos = Path(os.environ["PHYSGEN_MATERIAL"]).parent / "photos/strangers"
+        sys.exit("PHYSGEN_MATERIAL: name the folder of photos/strangers")
+    folder_of_photos = Path(os.environ["PHYSGEN_MATERIAL"]) / "photos/strangers"
     photos = sorted(folder_of_photos.glob("*.jpg"))
     if not photos:
         sys.exit(f"{folder_of_photos}: no photos (*.jpg); set PHYSGEN_MATERIAL")

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -89,6 +90,11 @@ class RimConstants:
     """px: largest such change between neighbours."""
     shift: float = 1.5
     """px: a border that moves by less stays as it is."""
+    notch: float = 0.25
+    """Largest width of a notch over the size: a new deep notch is mostly an edge within
+    the object, such as that of a label."""
+    notch_depth: float = 0.02
+    """Least depth of a filled notch over the size: shallow ones are mostly right."""
     margin: float = 0.015
     """Length of outline over the size: beside a moved border it follows the path, beside
     another object it stays."""
@@ -258,12 +264,13 @@ class _Ribbon:
 
         `network` (n, m) is the logarithm of the odds of the object.
         """
-        lit_evidence, shade_evidence = self._colour_evidence()
+        lit_evidence, shade_evidence = self._colour_evidence
         lit_evidence = np.clip(lit_evidence, -RIMS.lit_limit, RIMS.lit_limit)
         shade_evidence = np.clip(shade_evidence, -RIMS.lit_limit, RIMS.shade_limit)
         colour = np.maximum(lit_evidence, shade_evidence)
         return np.asarray(RIMS.colour * colour - RIMS.network * network)
 
+    @cached_property
     def _colour_evidence(self) -> tuple[F64, F64]:
         """Return log(likelihood of lit ground / likelihood of the object), (n, m), and
         the same of shaded or lit ground.
@@ -359,7 +366,28 @@ class _Ribbon:
         costs = np.where(self.rim_points[:, None], costs, other_costs)
         start = int(np.argmin(self.rim_points))
         path = _shortest_path(np.roll(costs, -start, axis=0))
-        return np.roll(path, start).astype(np.float64) - self.half_width
+        offsets = np.roll(path, start).astype(np.float64) - self.half_width
+        return self._fill_notches(offsets)
+
+    def _fill_notches(self, offsets: F64) -> F64:
+        """Return the offsets (n,) of a border, px, without notches that the mask lacks
+        and that have the colours of the object.
+        """
+        reach = max(1, round(RIMS.notch * self.size / 2))
+        filled_offsets = _close_ring(offsets, reach)
+        # Keep a notch of the mask, since the border moves only as far as the mask.
+        filled_offsets = np.minimum(
+            filled_offsets, np.maximum(offsets, self.mask_offsets)
+        )
+        is_deep = filled_offsets - offsets > RIMS.notch_depth * self.size
+        in_notch = self.offsets > offsets[:, None]
+        in_notch &= self.offsets <= filled_offsets[:, None]
+        # A notch with the colours of the lit ground is a gap between feet.
+        lit_evidence, _ = self._colour_evidence
+        sums = np.where(in_notch, lit_evidence, 0).sum(axis=1)
+        totals = _ring_sums(np.where(is_deep, sums, 0), reach)
+        is_notch = is_deep & (totals < 0)
+        return np.where(is_notch, filled_offsets, offsets)
 
     def clearer_points(self, offsets: F64) -> Mask:
         """Return the points (n,) with a moved border whose edges became clearer.
@@ -512,6 +540,19 @@ def _ring_sums(values: F64, reach: int) -> F64:
     reach = min(reach, len(values) // 2)
     padded_values = np.concatenate([values[-reach:], values, values[:reach]])
     return np.convolve(padded_values, np.ones(2 * reach + 1), "valid")
+
+
+def _close_ring(values: F64, reach: int) -> F64:
+    """Return the closing of values (n,) along a closed outline: minima narrower than
+    `2 * reach` are filled.
+    """
+    reach = min(reach, len(values) // 4)
+    margin = 2 * reach
+    padded_values = np.concatenate([values[-margin:], values, values[:margin]])
+    kernel = np.ones((1, 2 * reach + 1), np.uint8)
+    row = padded_values[None].astype(np.float32)
+    closed_row = cv2.morphologyEx(row, cv2.MORPH_CLOSE, kernel)[0]
+    return np.asarray(closed_row[margin : margin + len(values)], np.float64)
 
 
 def _near(flags: Mask, reach: int) -> Mask:

@@ -32,6 +32,8 @@ class FootHaloTuning:
     """Height over which the shade in these gaps begins."""
     floor_height: float = 0.1
     """Height over the foot at which the floor begins beside an object."""
+    side_reach: float = 0.1
+    """Distance over which the floor below an overhang fades beside it; by eye."""
     lift: float = 0.03
     """Largest height of an object on its floor: a mask may lack the lowest rim."""
     ramp: float = 4.0

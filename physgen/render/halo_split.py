@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from physgen.arrays import F32, Mask
+from physgen.arrays import F32, F64, Mask
 from physgen.geometry.shadows import Silhouette, floor_contact
 from physgen.render.foot_halos import FOOT_HALO, FootHalo, Slices
 from physgen.render.sprites import Sprite
@@ -300,25 +301,56 @@ def _floor_weight(
     any visible pixel of the sprite.
     """
     solid = sprite.coverage > 0.5
-    columns = np.flatnonzero(solid.any(axis=0))
     rows = np.flatnonzero(solid.any(axis=1))
     if not len(rows):
         return None
     height = float(np.ptp(rows)) + 1
     foot = sprite.corner[1] + float(rows[-1])
-    begins = np.full(shape[1], foot - FOOT_HALO.floor_height * height)
-    lowest = solid.shape[0] - 1 - np.argmax(solid[::-1], axis=0)[columns]
-    places = columns + sprite.corner[0] - corner[0]
-    is_inside = (places >= 0) & (places < shape[1])
-    own_begins = np.maximum(sprite.corner[1] + lowest, foot - FOOT_HALO.legs * height)
-    begins[places[is_inside]] = own_begins[is_inside]
-    # Beside the outline, the floor begins softly.
-    below = corner[1] + np.arange(shape[0])[:, None] - begins[None]
-    weight = np.clip(below / FOOT_HALO.ramp, 0, 1)
-    is_own = np.zeros(shape[1], np.bool_)
-    is_own[places[is_inside]] = own_begins[is_inside] > foot - FOOT_HALO.legs * height
-    weight = np.where(is_own[None], np.clip(below, 0, 1), weight)
     top = foot - FOOT_HALO.legs * height
-    over_top = corner[1] + np.arange(shape[0])[:, None] - top
-    weight = weight * np.clip(over_top / (FOOT_HALO.soft_top * height), 0, 1)
-    return np.asarray(weight, np.float32)
+    begins = np.full(shape[1], foot - FOOT_HALO.floor_height * height)
+    columns, own_begins = _lowest_rows(sprite, solid, corner[0], shape[1])
+    begins[columns] = np.maximum(own_begins, top)
+    is_own = np.zeros(shape[1], np.bool_)
+    is_own[columns] = own_begins > top
+    # Beside the outline, the floor begins softly.
+    places = corner[1] + np.arange(shape[0])[:, None]
+    below = places - begins[None]
+    weight = np.clip(below / FOOT_HALO.ramp, 0, 1)
+    weight = np.where(is_own[None], np.clip(below, 0, 1), weight)
+    weight = weight * np.clip((places - top) / (FOOT_HALO.soft_top * height), 0, 1)
+    reach = max(FOOT_HALO.side_reach * height, 1.0)
+    return _spread_sideways(np.asarray(weight, np.float32), reach)
+
+
+def _lowest_rows(
+    sprite: Sprite, solid: Mask, left: int, width: int
+) -> tuple[NDArray[np.intp], F64]:
+    """Return the columns (n,) of a halo below an object, and the lowest row of the
+    object in each, px of the photo.
+
+    `solid` (h, w): mask of the sprite; `left` and `width`: columns of the halo.
+    """
+    columns = np.flatnonzero(solid.any(axis=0))
+    lowest = solid.shape[0] - 1 - np.argmax(solid[::-1], axis=0)[columns]
+    places = columns + sprite.corner[0] - left
+    is_inside = (places >= 0) & (places < width)
+    rows = np.asarray(sprite.corner[1] + lowest[is_inside], np.float64)
+    return places[is_inside], rows
+
+
+def _spread_sideways(weight: F32, reach: float) -> F32:
+    """Return weights (h, w) that fade linearly over `reach` px along each row.
+
+    The floor below an overhang continues beside it: without a fade, the shade below an
+    apple or between legs would end at a vertical line and carry that line along.
+    """
+    spread_weight = weight.copy()
+    columns = spread_weight.T
+    loss = np.float32(1 / reach)
+    # One pass to the right and one to the left give the largest faded neighbour.
+    for column, neighbour in zip(columns[1:], columns[:-1], strict=True):
+        np.maximum(column, neighbour - loss, out=column)
+    backwards = columns[::-1]
+    for column, neighbour in zip(backwards[1:], backwards[:-1], strict=True):
+        np.maximum(column, neighbour - loss, out=column)
+    return spread_weight

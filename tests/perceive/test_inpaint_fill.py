@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen.perceive.backends.inpaint_fill import _goes_on, fill
+from physgen.perceive.backends.inpaint_fill import _copy_detail, _goes_on, fill
 from physgen.perceive.inpaint.contact_strips import contact_strips
 from physgen.perceive.inpaint.patch_match import RADIUS, Level, _Search
 from physgen.perceive.inpaint.poisson import fill_behind, harmonic_fill, seamless
@@ -396,3 +396,20 @@ def test_line_goes_on_beyond_its_ends(length: int) -> None:
     row[50:80] = np.nan
     ends = np.full((2, 4, 3), 20, np.float32)
     assert _goes_on(row, (50, 80), ends, 180) is (length > 12)
+
+
+def test_a_bright_speck_is_not_copied_as_a_grid_of_dots() -> None:
+    random = np.random.default_rng(0)
+    photo = (120 + random.normal(0, 1, (64, 64, 3))).astype(np.float32)
+    photo[10, 10] = 250
+    small = cv2.resize(photo, (32, 32), interpolation=cv2.INTER_AREA)
+    hole = np.zeros((64, 64), bool)
+    hole[32:56, 8:56] = True
+    places = np.stack(np.indices((32, 32)), axis=2)
+    places[16:28] -= (14, 0)
+    places[18::4, 6::4] = 5
+    pixels = np.stack(np.nonzero(hole))
+    steps = np.full((2, 1), 2.0)
+    detail = _copy_detail((photo, small), hole, places, pixels, steps)
+    assert np.abs(detail).max() < 20
+    assert detail.std() > 0.5

@@ -110,3 +110,30 @@ def test_different_edges_at_both_sides_are_not_joined() -> None:
     away = np.where(X < 120, 80 - Y, Y - 80)
     truth = photo(np.where(away < 0, 190, 60))
     assert certain_lines(truth.astype(np.float32), HOLE) == []
+
+
+def bench() -> tuple[Rgb, NDArray[np.float64]]:
+    """Return a wall behind a bench with a round left end, and rows below the edge."""
+    away = Y - 80 - 0.003 * np.maximum(90 - X, 0) ** 2
+    return photo(np.where(away < 0, 190, 60)), away
+
+
+def test_round_end_joins_straight_edge_of_same_surfaces() -> None:
+    truth, _ = bench()
+    (line,) = certain_lines(truth.astype(np.float32), HOLE)
+    assert np.abs([line.start[1] - 80, line.end[1] - 80]).max() < 4
+    assert abs(line.end[0] - line.start[0]) > 50
+
+
+def test_pieces_of_wrong_side_beside_line_are_filled() -> None:
+    """Copies continued the bench too high: its part above the line shows the wall."""
+    truth, away = bench()
+    colours = truth.astype(np.float32)
+    wrong = colours.copy()
+    wrong[(away > -22) & (away < 0) & HOLE & (X < 120)] = 60
+    lines = certain_lines(colours, HOLE)
+    painted = paint_lines(wrong, colours, HOLE, lines, 1.0)
+    above = (away < -5) & (away > -30)
+    assert error(wrong, truth, above) > 50
+    assert error(painted, truth, above) < 10
+    assert error(painted, truth, away > 5) < 10

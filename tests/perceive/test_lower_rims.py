@@ -105,3 +105,17 @@ def test_no_objects_give_no_rims() -> None:
     photo = np.full((80, 100, 3), 90, np.uint8)
     labels = np.zeros((80, 100), np.uint16)
     assert np.array_equal(refine_lower_rims(photo, labels, labels > 0), labels)
+
+
+def test_a_label_near_the_base_leaves_no_notch() -> None:
+    """The lower edge of a label on pale cloth is clearer than the base of the cloth."""
+    random = np.random.default_rng(0)
+    photo = np.full((480, 640, 3), 250, np.uint8)
+    cloth = 208 + random.normal(0, 3, (300, 440, 1))
+    photo[100:400, 100:540] = np.clip(cloth, 0, 255).astype(np.uint8)
+    photo[330:380, 380:424] = 20
+    labels = np.zeros((480, 640), np.uint16)
+    labels[100:400, 100:540] = 1
+    refined = refine_lower_rims(photo, labels, nothing(labels))
+    assert (refined[110:396, 110:530] == 1).all()
+    assert not refined[403:].any()

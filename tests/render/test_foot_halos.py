@@ -118,6 +118,28 @@ def test_shade_continues_below_the_soft_border_of_the_object() -> None:
     assert rows[:2].min() > 0.7 * rows[2:].max()
 
 
+def test_shade_below_an_overhang_has_no_upright_edge() -> None:
+    """Below the head of a mushroom, the shade of the floor fades beside the head."""
+    coverage = np.zeros((60 + 2 * MARGIN, 100 + 2 * MARGIN), np.float32)
+    coverage[MARGIN : MARGIN + 30, MARGIN:-MARGIN] = 1
+    coverage[MARGIN : MARGIN + 60, MARGIN + 40 : -MARGIN - 40] = 1
+    corner = (50 - MARGIN, 40 - MARGIN)
+    halo = np.zeros((SIZE[1], SIZE[0], 3), np.float32)
+    halo[72:FOOT, 30:170] = -0.2
+    halo[72:FOOT, 90:110] = 0
+    near = np.zeros(halo.shape[:2], np.int32)
+    picture = 0.1 * coverage[..., None].repeat(3, axis=2)
+    sprite = Sprite(0, corner, picture, coverage, halo=((0, 0), halo, near))
+    start = Silhouette(
+        coverage, corner, (100.0, 60.0), None, 60.0, FOOT - 0.5, ends=(0.0, 200.0)
+    )
+    split = split_halos([sprite], [start], 0.1, GROUND, is_mirror=False)
+    shade, _ = on_photo(foot_halo_of(split[0]))
+    row = shade[80, 30:60].mean(axis=1)
+    assert row[-1] > 0.02
+    assert np.abs(np.diff(row)).max() < 0.3 * row.max()
+
+
 def test_it_vanishes_if_the_object_leaves_the_floor() -> None:
     foot_halo = foot_halo_of(standing(-0.2)[1])
     assert foot_halo.draw(START, START._replace(y=40.0), 0.0, SIZE) is None

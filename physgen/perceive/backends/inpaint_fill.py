@@ -81,6 +81,10 @@ class _Limits:
     arc_grain: float = 8.0
     # px: standard deviation of the blur for the separation of grain.
     detail: float = 2.0
+    # Largest number of pixels with one source, and largest detail of a source of more
+    # pixels over the median.
+    repeats: int = 3
+    usual_detail: float = 4.0
 
 
 LIMITS = _Limits()
@@ -306,7 +310,23 @@ def _copy_detail(
     is_valid = (place == sources).all(axis=0) & ~hole_mask[sources[0], sources[1]]
     detail = photo[sources[0], sources[1]] - _sample(small, sources, steps)
     detail[~is_valid] = 0
+    _limit_repeated_detail(detail, sources[0] * hole_mask.shape[1] + sources[1])
     return np.asarray(detail, np.float32)
+
+
+def _limit_repeated_detail(detail: F32, sources: I64) -> None:
+    """Limit detail (n, 3) of repeated `sources` (n,), in place.
+
+    A bright speck that is the source of many pixels would be a grid of dots.
+    """
+    is_set = detail.any(axis=1)
+    if not is_set.any():
+        return
+    counts = np.bincount(sources)[sources]
+    is_repeated = counts > LIMITS.repeats
+    # The specks themselves hardly change a median.
+    limit = LIMITS.usual_detail * float(np.median(np.abs(detail[is_set])))
+    detail[is_repeated] = np.clip(detail[is_repeated], -limit, limit)
 
 
 def _carry_arcs(picture: F32, photo: F32, hole: Mask) -> tuple[F32, Mask]:

@@ -25,6 +25,7 @@ from physgen.perceive.inpaint.border_ends import (
 from physgen.perceive.inpaint.copy_offsets import I64
 from physgen.perceive.inpaint.edge_continuation import colour_differences, line_points
 from physgen.perceive.inpaint.ellipse_arcs import follow_edge
+from physgen.perceive.inpaint.line_sides import LineSides, mend_sides
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import Mask
 
@@ -52,6 +53,13 @@ class _Tuning:
     # Largest difference of both ends over their mean contrast: on the more similar side
     # and on the other.
     differ: tuple[float, float] = (0.35, 0.6)
+    # The same limits for the pair of a straight end and a rough one, such as the edge of
+    # old wood, and the least contrast and the largest turn, rad, of the rough end.
+    rough_differ: tuple[float, float] = (0.15, 0.35)
+    rough_contrast: float = 80.0
+    rough_turn: float = 0.25
+    # Visible length at a rough end that is copied.
+    rough_length: float = 32.0
     # Least length of a line in a hole.
     shortest: float = 12.0
     # Least share of the line in the hole: a line beside the hole needs no fill.
@@ -111,6 +119,8 @@ class CertainLine:
     # at `end`.
     first: F64
     last: F64
+    # Visible length before `start` and after `end` that may be copied.
+    lengths: tuple[float, float]
 
     def scale_steps(self, steps: F64) -> CertainLine:
         """Return the line in a photo with `steps` (x, y) px per px."""
@@ -120,6 +130,7 @@ class CertainLine:
             (self.end + 0.5) * steps - 0.5,
             first / np.hypot(*first),
             last / np.hypot(*last),
+            self.lengths,
         )
 
 
@@ -169,42 +180,96 @@ def _straight_pairs(
     """Yield the turn of each nearly straight line, rad, its ends' numbers and the
     line.
     """
-    directions = [_visible_direction(end, known) for end in ends]
-    for i, (a, direction) in enumerate(zip(ends, directions, strict=True)):
-        for j, b in enumerate(ends[:i]):
-            other_direction = directions[j]
-            if direction is None or other_direction is None or not _similar(a, b):
+    visible_ends = [_VisibleEnd.measure(end, known) for end in ends]
+    for i, a in enumerate(visible_ends):
+        for j, b in enumerate(visible_ends[:i]):
+            chord = b.end.place - a.end.place
+            if float(np.hypot(*chord)) < TUNING.shortest:
                 continue
-            chord = b.place - a.place
-            turn = max(_angle(chord, direction), _angle(chord, -other_direction))
-            if float(np.hypot(*chord)) >= TUNING.shortest and turn <= TUNING.turn:
-                line = CertainLine(a.place, b.place, direction, -other_direction)
+            line = _straight_line(a, b)
+            if line is not None:
+                turn = max(_angle(chord, line.first), _angle(chord, line.last))
                 yield turn, i, j, line
 
 
-def _similar(a: BorderEnd, b: BorderEnd) -> bool:
-    """Return whether two ends show the same surfaces on both sides."""
+@dataclass(frozen=True, eq=False)
+class _VisibleEnd:
+    """An end and the visible line that leads to it."""
+
+    end: BorderEnd
+    is_visible: bool
+    """Whether the visible line is long enough."""
+    direction: F64 | None
+    """Unit vector (x, y) into the hole; None of a line that is not straight."""
+
+    @staticmethod
+    def measure(end: BorderEnd, known: KnownSurroundings) -> _VisibleEnd:
+        """Follow the visible line from an end."""
+        points = follow_edge(
+            known.picture, known.blocked_mask, end.place, -end.direction
+        )
+        lengths = np.hypot(*(points - points[0]).T)
+        points = points[lengths <= TUNING.direction_length]
+        if lengths.max() < TUNING.visible:
+            return _VisibleEnd(end, is_visible=False, direction=None)
+        center = points.mean(axis=0)
+        _, _, axes = np.linalg.svd(points - center)
+        direction: F64 = axes[0]
+        distances = np.abs((points - center) @ axes[1])
+        if distances.max() > TUNING.largest_bend:
+            return _VisibleEnd(end, is_visible=True, direction=None)
+        if direction @ end.direction <= 0:
+            direction = -direction
+        return _VisibleEnd(end, is_visible=True, direction=direction)
+
+
+def _straight_line(a: _VisibleEnd, b: _VisibleEnd) -> CertainLine | None:
+    """Return the straight line between two ends; None if the ends are not of one line."""
+    if not (a.is_visible and b.is_visible):
+        return None
+    start, end = a.end.place, b.end.place
+    chord = end - start
+    long, short = float(TUNING.copied_length), TUNING.rough_length
+    if a.direction is not None and b.direction is not None:
+        turn = max(_angle(chord, a.direction), _angle(chord, -b.direction))
+        if turn <= TUNING.turn and _similar(a.end, b.end, TUNING.differ):
+            return CertainLine(start, end, a.direction, -b.direction, (long, long))
+        return None
+    # One straight end determines the line if the colours on both sides agree closely.
+    unit_chord = chord / np.hypot(*chord)
+    if a.direction is not None and _continues(a.direction, b.end, a.end, chord):
+        return CertainLine(start, end, a.direction, unit_chord, (long, short))
+    if b.direction is not None and _continues(b.direction, a.end, b.end, -chord):
+        return CertainLine(start, end, unit_chord, -b.direction, (short, long))
+    return None
+
+
+def _continues(
+    direction: F64, rough_end: BorderEnd, straight_end: BorderEnd, chord: F64
+) -> bool:
+    """Return whether a rough end is the other end of a straight one.
+
+    `direction` and `chord` point from the straight end to the rough one.
+    """
+    return (
+        rough_end.contrast > TUNING.rough_contrast
+        and _angle(chord, direction) <= TUNING.turn
+        and _angle(-chord, rough_end.direction) <= TUNING.rough_turn
+        and _similar(straight_end, rough_end, TUNING.rough_differ)
+    )
+
+
+def _similar(a: BorderEnd, b: BorderEnd, limits: tuple[float, float]) -> bool:
+    """Return whether two ends show the same surfaces on both sides.
+
+    `limits`: largest differences on the more similar side and on the other, over the
+    mean contrast.
+    """
     contrast = (a.contrast + b.contrast) / 2
     least_difference, largest_difference = colour_differences(a, b)
-    if least_difference > TUNING.differ[0] * contrast:
+    if least_difference > limits[0] * contrast:
         return False
-    return largest_difference <= TUNING.differ[1] * contrast
-
-
-def _visible_direction(end: BorderEnd, known: KnownSurroundings) -> F64 | None:
-    """Return the direction into the hole of a straight visible line, else None."""
-    points = follow_edge(known.picture, known.blocked_mask, end.place, -end.direction)
-    lengths = np.hypot(*(points - points[0]).T)
-    points = points[lengths <= TUNING.direction_length]
-    if lengths.max() < TUNING.visible:
-        return None
-    center = points.mean(axis=0)
-    _, _, axes = np.linalg.svd(points - center)
-    direction: F64 = axes[0]
-    distances = np.abs((points - center) @ axes[1])
-    if distances.max() > TUNING.largest_bend:
-        return None
-    return direction if direction @ end.direction > 0 else -direction
+    return largest_difference <= limits[1] * contrast
 
 
 def _angle(a: F64, b: F64) -> float:
@@ -226,6 +291,9 @@ def paint_lines(
         continuation = strip.continue_colours()
         if continuation is not None:
             _blend_strip(result, free_share, strip, *continuation)
+            sides = _sides_of(strip, hole, continuation[1])
+            if sides is not None:
+                mend_sides(result, hole, sides)
     return result
 
 
@@ -243,7 +311,17 @@ class _Strip:
     """(n, 2): unit vectors along increasing columns."""
     outside: int
     """Rows before the start and after the end of the line."""
+    copied_rows: tuple[int, int]
+    """Rows before the start and after the end that show the line."""
     scale: float
+
+    @property
+    def box(self) -> tuple[slice, slice]:
+        """Return the rows and columns of the photo around the strip."""
+        half_width = self.known_mask.shape[1] // 2
+        low = np.maximum(np.floor(self.center.min(axis=0)).astype(int) - half_width, 0)
+        high = np.ceil(self.center.max(axis=0)).astype(int) + half_width + 1
+        return np.s_[low[1] : high[1], low[0] : high[0]]
 
     def continue_colours(self) -> tuple[F32, F32] | None:
         """Return continued colours (n, m, 3) and their weights (n, m).
@@ -317,10 +395,9 @@ class _Strip:
         outwards.
         """
         values, known_rows = self.colours[:, column], self.known_mask[:, column]
-        count = round(TUNING.copied_length * self.scale)
         before = _known_run(values[:first][::-1], known_rows[:first][::-1])
         after = _known_run(values[last:], known_rows[last:])
-        return before[:count], after[:count]
+        return before[: self.copied_rows[0]], after[: self.copied_rows[1]]
 
     def _shares(self) -> tuple[F32, Mask]:
         """Return the weight (m,) of each column, and the columns of the structure.
@@ -396,8 +473,10 @@ class _Strip:
     @cached_property
     def profiles(self) -> tuple[F32, F32]:
         """Return the mean colours (m, 3) across the line before and after the hole."""
-        before = self._profile(slice(0, self.outside))
-        return before, self._profile(slice(len(self.colours) - self.outside, None))
+        rows_before, rows_after = self.copied_rows
+        end = len(self.colours) - self.outside
+        before = self._profile(slice(self.outside - rows_before, self.outside))
+        return before, self._profile(slice(end, end + rows_after))
 
     def _profile(self, rows: slice) -> F32:
         """Return the mean colours (m, 3) across the line on visible rows."""
@@ -425,8 +504,15 @@ def _straighten(photo: F32, hole: Mask, line: CertainLine, scale: float) -> _Str
     # Single visible pixels at a ragged border do not divide the hole.
     column = np.ones((LEAST_RUN, 1), np.uint8)
     known_mask = np.asarray(cv2.morphologyEx(visible, cv2.MORPH_OPEN, column) > 0)
+    copied_rows = round(line.lengths[0] * scale), round(line.lengths[1] * scale)
     return _Strip(
-        np.asarray(colours, np.float32), known_mask, center, normal, outside, scale
+        np.asarray(colours, np.float32),
+        known_mask,
+        center,
+        normal,
+        outside,
+        copied_rows,
+        scale,
     )
 
 
@@ -456,12 +542,10 @@ def _blend_strip(
 
     `colours` (n, m, 3) and `weights` (n, m) belong to the straightened strip.
     """
-    half_width = strip.known_mask.shape[1] // 2
-    low = np.maximum(np.floor(strip.center.min(axis=0)).astype(int) - half_width, 0)
-    high = np.ceil(strip.center.max(axis=0)).astype(int) + half_width + 1
-    box = np.s_[low[1] : high[1], low[0] : high[0]]
+    box = strip.box
     rows, columns = np.nonzero(free_share[box] > 0)
-    column_places, row_places = strip.places_of(np.stack([columns, rows], axis=1) + low)
+    pixels = np.stack([columns + box[1].start, rows + box[0].start], axis=1)
+    column_places, row_places = strip.places_of(pixels)
     x, y = (
         column_places.astype(np.float32)[:, None],
         row_places.astype(np.float32)[:, None],
@@ -474,6 +558,37 @@ def _blend_strip(
     old = target[rows, columns]
     target[rows, columns] = old + share[:, None] * (values - old)
     free_share[box][rows, columns] -= share
+
+
+def _sides_of(strip: _Strip, hole: Mask, weights: F32) -> LineSides | None:
+    """Return the pixels of `hole` (H, W) beside a line; None without ground beside it.
+
+    `weights` (n, m) are those of the painted strip.
+    """
+    middle = strip.known_mask.shape[1] // 2
+    half_line = round(TUNING.edge_shift * strip.scale)
+    width = round(TUNING.ground_width * strip.scale)
+    profile = (strip.profiles[0] + strip.profiles[1]) / 2
+    before = profile[max(middle - half_line - width, 0) : middle - half_line]
+    after = profile[middle + half_line + 1 : middle + half_line + 1 + width]
+    box = strip.box
+    rows, columns = np.nonzero(hole[box])
+    painted_columns = np.flatnonzero(weights.any(axis=0))
+    if not (len(before) and len(after) and len(rows) and len(painted_columns)):
+        return None
+    rows, columns = rows + box[0].start, columns + box[1].start
+    column_places, row_places = strip.places_of(np.stack([columns, rows], axis=1))
+    last_row = len(strip.center) - strip.outside
+    is_beside = (row_places >= strip.outside) & (row_places < last_row)
+    is_beside &= (column_places >= 0) & (column_places <= 2 * middle)
+    return LineSides(
+        pixels=(rows[is_beside], columns[is_beside]),
+        offsets=np.asarray(column_places[is_beside] - middle, np.float32),
+        colours=(before.mean(axis=0), after.mean(axis=0)),
+        half_line=half_line,
+        painted=(painted_columns[0] - middle, painted_columns[-1] - middle),
+        scale=strip.scale,
+    )
 
 
 def _sample_rows(array: F32, x: F32, y: F32) -> F32:
