@@ -21,7 +21,8 @@ def decode(srgb: NDArray[Any]) -> F32:
     1.0
     """
     if srgb.dtype == np.uint8:
-        return np.asarray(_decode_table().take(srgb))
+        # No code is outside the table; without the check, this takes half the time.
+        return np.asarray(_decode_table().take(srgb, mode="clip"))
     return _decode(srgb.astype(np.float64)).astype(np.float32)
 
 
@@ -40,6 +41,35 @@ def encode_u8(linear: NDArray[Any]) -> U8:
     index = linear.astype(np.float32, copy=False) * np.float32(65535)
     index += np.float32(0.5)
     return np.asarray(_encode_table().take(index.astype(np.int64), mode="clip"))
+
+
+def largest_channel(picture: NDArray[Any]) -> NDArray[Any]:
+    """Return the largest channel (...) of each pixel of a picture (..., C).
+
+    NumPy's `max` over a short last axis takes three to seven times as long.
+    """
+    largest = picture[..., 0].copy()
+    for channel in range(1, picture.shape[-1]):
+        np.maximum(largest, picture[..., channel], out=largest)
+    return largest
+
+
+def channel_sum(picture: NDArray[Any]) -> NDArray[Any]:
+    """Return the sum (...) of the channels of each pixel of a picture (..., C) of floats.
+
+    The order of additions is that of NumPy's `sum`, which takes several times as long.
+    """
+    total = picture[..., 0].copy()
+    for channel in range(1, picture.shape[-1]):
+        total += picture[..., channel]
+    return total
+
+
+def channel_mean(picture: NDArray[Any]) -> NDArray[Any]:
+    """Return the mean (...) of the channels of a picture (..., C) of floats."""
+    total = channel_sum(picture)
+    total /= picture.shape[-1]
+    return total
 
 
 def luminance(linear: NDArray[Any]) -> F32:

@@ -5,10 +5,13 @@ import pytest
 
 from physgen.photometry import (
     DistantLight,
+    channel_mean,
+    channel_sum,
     decode,
     encode,
     encode_u8,
     fit_light,
+    largest_channel,
     sphere_normals,
 )
 
@@ -23,6 +26,27 @@ def light(
 def ball() -> np.ndarray:
     normals, inside = sphere_normals(91, 91, (45.0, 45.0), 42.5)
     return normals[inside]
+
+
+@pytest.mark.parametrize("shape", [(7, 5, 3), (4, 3), (6, 2, 1)])
+def test_largest_channel_equals_the_maximum(shape: tuple[int, ...]):
+    picture = np.random.default_rng(0).normal(size=shape)
+    picture[0, ..., 0] = np.nan
+    unchanged = picture.copy()
+    assert np.array_equal(
+        largest_channel(picture), picture.max(axis=-1), equal_nan=True
+    )
+    assert np.array_equal(picture, unchanged, equal_nan=True)
+
+
+@pytest.mark.parametrize("number", [np.float32, np.float64])
+def test_sums_of_channels_equal_those_of_numpy(number: type[np.floating]):
+    picture = np.random.default_rng(1).normal(size=(40, 30, 3)).astype(number)
+    unchanged = picture.copy()
+    assert np.array_equal(channel_sum(picture), picture.sum(axis=2))
+    assert np.array_equal(channel_mean(picture), picture.mean(axis=2))
+    assert channel_mean(picture).dtype == number
+    assert np.array_equal(picture, unchanged)
 
 
 def test_every_code_survives():

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.roles import Labels, Mask, Rgb
+from physgen.photometry import largest_channel
 
 
 @dataclass(frozen=True)
@@ -325,14 +326,14 @@ def _background_differences(rgb: Rgb, free: Mask) -> F32:
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
     colours = rgb.astype(np.float64)
     colour = np.median(rgb[free], axis=0)
-    differences = np.abs(colours - colour).max(axis=2)
+    differences = largest_channel(np.abs(colours - colour))
     limit = REMAINS.difference
     for _ in range(REMAINS.drops):
         ground = free & (differences < limit)
         if np.count_nonzero(ground) < REMAINS.plain_share * np.count_nonzero(free):
             break
         weights, *_ = np.linalg.lstsq(terms[ground], colours[ground], rcond=None)
-        differences = np.abs(colours - terms @ weights).max(axis=2)
+        differences = largest_channel(np.abs(colours - terms @ weights))
         limit = 2 * REMAINS.variation
     return np.asarray(differences, np.float32)
 

@@ -16,7 +16,7 @@ from physgen.compile.world import World
 from physgen.files import install
 from physgen.maps import U8, Percepts, png_bytes
 from physgen.messages import Message, Note
-from physgen.perceive.backends import vlm
+from physgen.perceive import backends
 from physgen.pipeline import stages
 from physgen.pipeline.story import (
     LIMITS,
@@ -152,7 +152,7 @@ def _configured_server(plan: Plan, warn: Warn) -> StoryServer | None:
 
 def _vlm() -> Any:
     """Return the backend's module, whose library takes a second to load."""
-    return vlm
+    return backends.vlm
 
 
 @dataclass

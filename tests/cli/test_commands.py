@@ -520,6 +520,9 @@ def test_a_command_imports_only_what_it_uses() -> None:
     assert not modules(command("check", str(scenes / "billiards/scene.yaml"))) & motion
     batch = modules("from physgen.batch import run, workers")
     assert not batch & motion, "the process that distributes clips"
+    # A server that nobody asks needs no library: it belongs to the extra `models`.
+    perceiving = modules("from physgen.pipeline import perceiving, story_server")
+    assert not perceiving & {"openai", "torch"}
     load = f"from physgen.scene.load import load\nload({str(scenes / 'physics/05-slide.yaml')!r})"
     assert not modules(load) & {"PIL", "jsonschema", "cv2"}, "without a photo"
 

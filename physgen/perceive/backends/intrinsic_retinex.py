@@ -22,7 +22,7 @@ from physgen.maps import F32
 from physgen.perceive.backends.light_shading import fit_light, pixel_pairs
 from physgen.perceive.roles import Intrinsic, Intrinsics, Labels, Rgb
 from physgen.perceive.working_size import reduce_photo_maps
-from physgen.photometry import DistantLight, decode, luminance
+from physgen.photometry import DistantLight, decode, largest_channel, luminance
 
 
 @dataclass(frozen=True)
@@ -107,13 +107,13 @@ def _retinex(rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
     shading = np.exp(
         cv2.resize(log_shading, (width, height), interpolation=cv2.INTER_LINEAR)
     )
-    largest_channel = linear.max(axis=2)
+    brightest_channel = largest_channel(linear)
     shading *= np.float32(
-        max(float(np.percentile(largest_channel / shading, 99.5)), 1e-6)
+        max(float(np.percentile(brightest_channel / shading, 99.5)), 1e-6)
         / PRIORS.brightest
     )
     # No surface reflects more light than it receives.
-    shading = np.maximum(shading, largest_channel)
+    shading = np.maximum(shading, brightest_channel)
     albedo = linear / np.maximum(shading, 1e-6)[..., None]
     return Intrinsics(
         np.clip(albedo, 0, 1).astype(np.float32), shading.astype(np.float32)

@@ -27,7 +27,7 @@ from physgen.perceive.roles import (
     Rgb,
 )
 from physgen.perceive.working_size import reduce_photo_maps
-from physgen.photometry import DistantLight, decode, luminance
+from physgen.photometry import DistantLight, decode, largest_channel, luminance
 
 FROM_ABOVE = DistantLight((0.0, -0.6, 0.8), 0.8, 0.4)
 """The usual position of lamps and the sky: above and in front of the scene."""
@@ -307,7 +307,7 @@ def _measure_maps(linear: F32, normals: F32) -> _PhotoMaps:
     chroma = np.log(
         np.stack([small[..., 0] / small[..., 1], small[..., 2] / small[..., 1]], -1)
     )
-    return _PhotoMaps(level, chroma, normals, linear.max(axis=2) < 0.98)
+    return _PhotoMaps(level, chroma, normals, largest_channel(linear) < 0.98)
 
 
 def _draw_pairs(

@@ -18,7 +18,7 @@ import numpy as np
 from physgen.geometry.shadows import blurred
 from physgen.maps import F32
 from physgen.perceive.roles import Labels, Mask, Matte, Rgb
-from physgen.photometry import decode
+from physgen.photometry import channel_sum, decode
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def _coverage_by_colour(rgb: Rgb, distance: F32) -> tuple[F32, F32, F32]:
     # Project each colour on the line from background to object colour.
     share = np.einsum("ijk,ijk->ij", colour - back, axis) / np.maximum(length, 1e-6)
     trust = np.clip(np.sqrt(length) / LIMITS.contrast - 0.5, 0, 1)
-    has_both_sides = (front.sum(2) > 0) & (back.sum(2) > 0)
+    has_both_sides = (channel_sum(front) > 0) & (channel_sum(back) > 0)
     smooth_share = cv2.GaussianBlur(
         np.clip(share, 0, 1).astype(np.float32), (0, 0), 0.5
     )

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.circles import robust_circle
+from physgen.geometry.morphology import open_by_disc
 from physgen.geometry.polygon import Array, Disc
 from physgen.maps import F32
 from physgen.perceive.inpaint.poisson import harmonic_fill
@@ -518,10 +519,7 @@ def without_thin_parts(mask: Mask, radius: int) -> Mask:
     """
     if radius < 1:
         return mask
-    disc = cv2.getStructuringElement(
-        cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)
-    )
-    body = cv2.morphologyEx(np.pad(mask, radius).astype(np.uint8), cv2.MORPH_OPEN, disc)
+    body = open_by_disc(np.pad(mask, radius).astype(np.uint8), radius)
     body = body[radius:-radius, radius:-radius]
     count, ids, stats, _ = cv2.connectedComponentsWithStats(body, connectivity=8)
     if count < 2:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from physgen.maps import F32
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import Mask
+from physgen.photometry import channel_sum
 
 F64 = NDArray[np.float64]
 
@@ -73,7 +74,7 @@ class KnownSurroundings:
             for d in ((1, 0), (0, 1))
         )
         xx, xy, yy = (
-            cv2.GaussianBlur((a * b).sum(2), (0, 0), 3.5)
+            np.asarray(cv2.GaussianBlur(channel_sum(a * b), (0, 0), 3.5), np.float32)
             for a, b in ((gx, gx), (gx, gy), (gy, gy))
         )
         return cls(np.asarray(blurred_picture, np.float32), blocked, (xx, xy, yy))

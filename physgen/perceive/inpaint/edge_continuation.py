@@ -501,10 +501,15 @@ def _nearest_points(
     step = max(CHUNK // len(points), 1)
     for k in range(0, len(pixels), step):
         part = slice(k, k + step)
-        gap = (pixels[part, :1] - points[:, 0]) ** 2 + (
-            pixels[part, 1:] - points[:, 1]
-        ) ** 2
-        nearest[part], squared_distance[part] = gap.argmin(1), gap.min(1)
+        # Work in place: these tables are the largest of the fill.
+        gap = pixels[part, :1] - points[:, 0]
+        gap *= gap
+        y_gap = pixels[part, 1:] - points[:, 1]
+        y_gap *= y_gap
+        gap += y_gap
+        columns = gap.argmin(1)
+        nearest[part] = columns
+        squared_distance[part] = gap[np.arange(len(columns)), columns]
     return nearest, np.sqrt(squared_distance)
 
 

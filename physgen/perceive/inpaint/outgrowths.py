@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.roles import Labels, Mask, Rgb
+from physgen.photometry import largest_channel
 
 
 @dataclass(frozen=True)
@@ -329,4 +330,4 @@ class _Neighbourhood:
         levels.
         """
         colour = np.median(self.photo[mask], axis=0)
-        return np.asarray(np.abs(self.photo - colour).max(axis=2), np.float32)
+        return np.asarray(largest_channel(np.abs(self.photo - colour)), np.float32)

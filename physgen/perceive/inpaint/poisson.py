@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from physgen.maps import F32
 from physgen.perceive.inpaint.contact_strips import contact_strips, shaded_islands
 from physgen.perceive.inpaint.outgrowths import outgrowths
+from physgen.photometry import channel_mean
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import Inpaint, Mask, Rgb
@@ -233,7 +234,7 @@ def _border_slopes(photo: Rgb, hole: Mask) -> F32 | None:
     )
     signed_distance = outside - inside
     normals = np.gradient(cv2.GaussianBlur(signed_distance, (0, 0), 1))
-    slopes = np.gradient(photo.astype(np.float32).mean(axis=2))
+    slopes = np.gradient(channel_mean(photo.astype(np.float32)))
     slope = np.abs(slopes[0] * normals[0] + slopes[1] * normals[1])
     # No pixel lies at 0: the border is between 1 px inside and 1 px outside.
     steps = [*range(-HALO.inner_reach, 0), *range(1, HALO.widest + 1)]

@@ -23,6 +23,7 @@ from physgen.perceive.inpaint.offset_labels import COSTS, OffsetLabels, ReducedP
 from physgen.perceive.inpaint.patch_match import thin_out
 from physgen.perceive.inpaint.poisson import dilate, join_gradients
 from physgen.perceive.roles import Mask
+from physgen.photometry import channel_mean
 
 
 @dataclass(frozen=True)
@@ -252,7 +253,7 @@ class _Window:
         line = dilate(hole, 1) & ~blocked_mask
         if not line.any():
             return TUNING.least_step
-        step = np.abs(inside - outside).mean(axis=2)[line]
+        step = channel_mean(np.abs(inside - outside))[line]
         return float(np.minimum(step, TUNING.most_step).mean()) + TUNING.least_step
 
     def least_gain(self) -> float:
@@ -320,7 +321,7 @@ class _Window:
     @staticmethod
     def _detail(picture: F32, known: Mask) -> F32:
         """Return the squared fine detail (H, W) of the grey levels."""
-        grey, weight = picture.mean(axis=2), known.astype(np.float32)
+        grey, weight = channel_mean(picture), known.astype(np.float32)
         share = np.maximum(cv2.GaussianBlur(weight, (0, 0), TUNING.detail), 1e-3)
         blurred_grey = cv2.GaussianBlur(grey * weight, (0, 0), TUNING.detail) / share
         return np.asarray(((grey - blurred_grey) * weight) ** 2, np.float32)
@@ -502,7 +503,7 @@ def _texture(picture: F32, scale: int) -> F32:
 
     They are means of blocks of `scale` px a side of a `picture` (H, W, 3).
     """
-    grey = picture.mean(axis=2)
+    grey = channel_mean(picture)
     log_squares = []
     for step in ((0, 1), (1, 0), (1, 1), (1, -1)):
         difference = grey - np.roll(grey, step, (0, 1))

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from physgen.perceive.roles import SMALLEST_OBJECT, PromptedMask
 from physgen.perceive.segment.proposals import Proposal, cut_out
+from physgen.photometry import channel_sum
 
 F32 = NDArray[np.float32]
 LOCK = Lock()
@@ -373,7 +374,7 @@ def _segment(
     edge_weights = follow_edges(view, _mean_chances(view, at_point))
     weights = _move_to_window(edge_weights, box, (x, y, end, foot))
     colour_terms = weights[..., :3] * rgb[y:foot, x:end]
-    chances = np.clip(colour_terms.sum(-1) + weights[..., 3], 0, 1)
+    chances = np.clip(channel_sum(colour_terms) + weights[..., 3], 0, 1)
     piece = cut_out(chances >= 0.5, 0, 0, SMALLEST_OBJECT)
     if piece is None:
         return PromptedMask(mask, 0.0)

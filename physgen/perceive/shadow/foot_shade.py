@@ -21,7 +21,7 @@ from physgen.perceive.inpaint.poisson import harmonic_fill
 from physgen.perceive.roles import Labels, Mask, PhotoObject, Rgb
 from physgen.perceive.shadow.seams import without_seams
 from physgen.perceive.shadow.silhouettes import DARKEST, away_from_objects
-from physgen.photometry import decode, encode_u8
+from physgen.photometry import decode, encode_u8, largest_channel
 
 Window = tuple[slice, slice]
 """Rows and columns of the photo."""
@@ -122,9 +122,9 @@ def find_foot_shade(
             continue
         window = shade.window
         depth = shade.depth
-        largest = np.abs(depth).max(axis=2)
+        largest = largest_channel(np.abs(depth))
         # Shades of neighbours overlap: the deeper one is the pixel's.
-        is_deeper = largest > np.abs(depths[window]).max(axis=2)
+        is_deeper = largest > largest_channel(np.abs(depths[window]))
         depths[window][is_deeper] = depth[is_deeper]
         is_shade = is_deeper & (largest > FOOT.least_depth / 2)
         owners[window][is_shade & (coverage[window] < 0.5)] = item.id

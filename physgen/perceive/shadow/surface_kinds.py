@@ -10,6 +10,7 @@ import numpy as np
 from physgen.maps import F32
 from physgen.perceive.roles import Mask
 from physgen.perceive.shadow.silhouettes import DARKEST
+from physgen.photometry import channel_sum
 
 Reaches = Sequence[tuple[float, float, float]]
 """px, horizontal and vertical, over which similar surfaces are averaged, and their
@@ -25,7 +26,7 @@ def hue_weights(linear: F32, plain: F32 | Mask, most: int) -> list[F32]:
 
     Kinds are learnt from about `most` pixels with `plain` (h, w) above 0.
     """
-    grey = linear.sum(axis=2) + 3 * DARKEST
+    grey = channel_sum(linear) + 3 * DARKEST
     hue = cv2.GaussianBlur(
         np.dstack([(linear[..., c] + DARKEST) / grey for c in (0, 2)]), (0, 0), 2
     )
@@ -41,7 +42,7 @@ def hue_weights(linear: F32, plain: F32 | Mask, most: int) -> list[F32]:
     )
     width = max(0.03, 2 * float(np.abs(sample - centers[names.ravel()]).mean()))
     return [
-        np.exp(-((hue - c) ** 2).sum(-1) / (2 * width * width)).astype(np.float32)
+        np.exp(-channel_sum((hue - c) ** 2) / (2 * width * width)).astype(np.float32)
         for c in centers
     ]
 
