@@ -90,7 +90,7 @@ class RimConstants:
     """px: largest such change between neighbours."""
     shift: float = 1.5
     """px: a border that moves by less stays as it is."""
-    notch: float = 0.25
+    notch: float = 0.15
     """Largest width of a notch over the size: a new deep notch is mostly an edge within
     the object, such as that of a label."""
     notch_depth: float = 0.02
