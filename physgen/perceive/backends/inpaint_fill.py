@@ -81,8 +81,8 @@ class _Limits:
     arc_grain: float = 8.0
     # px: standard deviation of the blur for the separation of grain.
     detail: float = 2.0
-    # Largest number of pixels with one source, and largest detail of a source of more
-    # pixels over the median.
+    # Largest number of pixels for each pixel of a source cell, and largest detail of a
+    # cell of more pixels over the median.
     repeats: int = 3
     usual_detail: float = 4.0
 
@@ -310,12 +310,17 @@ def _copy_detail(
     is_valid = (place == sources).all(axis=0) & ~hole_mask[sources[0], sources[1]]
     detail = photo[sources[0], sources[1]] - _sample(small, sources, steps)
     detail[~is_valid] = 0
-    _limit_repeated_detail(detail, sources[0] * hole_mask.shape[1] + sources[1])
+    source_cells = np.minimum((sources / steps).astype(np.int64), last)
+    _limit_repeated_detail(
+        detail,
+        source_cells[0] * small.shape[1] + source_cells[1],
+        LIMITS.repeats * float(steps.prod()),
+    )
     return np.asarray(detail, np.float32)
 
 
-def _limit_repeated_detail(detail: F32, sources: I64) -> None:
-    """Limit detail (n, 3) of repeated `sources` (n,), in place.
+def _limit_repeated_detail(detail: F32, sources: I64, repeats: float) -> None:
+    """Limit detail (n, 3) of `sources` (n,) of more than `repeats` pixels, in place.
 
     A bright speck that is the source of many pixels would be a grid of dots.
     """
@@ -323,7 +328,7 @@ def _limit_repeated_detail(detail: F32, sources: I64) -> None:
     if not is_set.any():
         return
     counts = np.bincount(sources)[sources]
-    is_repeated = counts > LIMITS.repeats
+    is_repeated = counts > repeats
     # The specks themselves hardly change a median.
     limit = LIMITS.usual_detail * float(np.median(np.abs(detail[is_set])))
     detail[is_repeated] = np.clip(detail[is_repeated], -limit, limit)

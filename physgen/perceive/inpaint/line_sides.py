@@ -58,28 +58,39 @@ def mend_sides(filled: F32, hole: Mask, sides: LineSides) -> None:
     `filled` (H, W, 3) is the photo with a fill.
     """
     rows, columns = sides.pixels
-    wrong_mask = np.zeros(hole.shape, np.bool_)
-    contrast = float(np.linalg.norm(sides.colours[0] - sides.colours[1]))
-    values = filled[rows, columns]
-    distances = [np.linalg.norm(values - colour, axis=1) for colour in sides.colours]
-    excess = np.where(sides.offsets < 0, 1, -1) * (distances[0] - distances[1])
-    is_wrong = excess > TUNING.excess * contrast
-    is_wrong &= np.abs(sides.offsets) > sides.half_line
-    wrong_mask[rows[is_wrong], columns[is_wrong]] = True
+    # The line itself and its other side are right.
+    is_ground = np.abs(sides.offsets) > sides.half_line
+    is_wrong = _shows_other_side(filled[rows, columns], sides) & is_ground
     margin = max(1, round(TUNING.margin * sides.scale))
     is_cut = sides.offsets > sides.strip_range[0] - margin
     is_cut &= sides.offsets < sides.strip_range[1] + margin
-    cut_mask = np.zeros(hole.shape, np.bool_)
+    wrong_mask, cut_mask, ground_mask = np.zeros((3, *hole.shape), np.bool_)
+    wrong_mask[rows[is_wrong], columns[is_wrong]] = True
     cut_mask[rows[is_cut], columns[is_cut]] = True
     wrong_mask = _cut_pieces(wrong_mask & hole, cut_mask, sides.scale)
     if not wrong_mask.any():
         return
-    # The line itself and its other side are right.
-    near_mask = np.zeros(hole.shape, np.bool_)
-    side_mask = np.abs(sides.offsets) > sides.half_line
-    near_mask[rows[side_mask], columns[side_mask]] = True
-    mended_mask = dilate(wrong_mask, margin) & hole & near_mask
-    filled[mended_mask] = harmonic_fill(filled, mended_mask)[mended_mask]
+    ground_mask[rows[is_ground], columns[is_ground]] = True
+    mended_mask = dilate(wrong_mask, margin) & hole & ground_mask
+    box = _box_around(mended_mask)
+    part = harmonic_fill(filled[box], mended_mask[box])
+    filled[mended_mask] = part[mended_mask[box]]
+
+
+def _shows_other_side(values: F32, sides: LineSides) -> Mask:
+    """Return whether colours (n, 3) are those of the other side of the line, (n,)."""
+    contrast = float(np.linalg.norm(sides.colours[0] - sides.colours[1]))
+    distances = [np.linalg.norm(values - colour, axis=1) for colour in sides.colours]
+    excess = np.where(sides.offsets < 0, 1, -1) * (distances[0] - distances[1])
+    return np.asarray(excess > TUNING.excess * contrast)
+
+
+def _box_around(mask: Mask) -> tuple[slice, slice]:
+    """Return the rows and columns of a mask (H, W) with a margin of 1 px."""
+    left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
+    return np.s_[
+        max(top - 1, 0) : top + height + 1, max(left - 1, 0) : left + width + 1
+    ]
 
 
 def _cut_pieces(mask: Mask, strip: Mask, scale: float) -> Mask:
