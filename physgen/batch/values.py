@@ -143,6 +143,7 @@ def _read_range(text: str) -> list[Value]:
     ):
         raise Message.NOT_A_RANGE.refusal()
     count = 0
+    # Other text leaves a count of 0, which the next test refuses.
     if re.fullmatch("[0-9]{1,18}", parts[2]):
         count = int(parts[2])
     if not 2 <= count <= MAX_COUNT:
