@@ -249,6 +249,8 @@ def _fault(distribution: Distribution, parts: int) -> str:
         if numbers[1] > 0:
             return ""
         return f"has a standard deviation of {numbers[1]:g}"
+    # The width of the interval must be finite too, and it can overflow between two
+    # finite ends.
     if (
         len(numbers) != 2
         or parts != 2

@@ -277,6 +277,7 @@ def _joint(joint: Joint, world: World) -> dict[str, Any]:
         "stiffness": joint.stiffness,
         "damping": joint.damping,
         "speed": degrees(joint.speed),
+        # JSON has no infinity: null stands for the lack of a limit.
         "limit": joint.limit if isfinite(joint.limit) else None,
         "collide": joint.collide,
     }
