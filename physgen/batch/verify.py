@@ -295,6 +295,8 @@ def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
     try:
         trajectory = read_trajectory(path)
         count, bodies = len(trajectory.times), len(trajectory.names)
+        # The file can be damaged or of another run, so its shapes and its hashes are
+        # compared before its values are used.
         complete = (
             trajectory.poses.shape == trajectory.velocities.shape == (count, bodies, 3)
             and trajectory.turns.shape in ((count, 0, 4), (count, bodies, 4))

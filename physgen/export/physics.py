@@ -249,6 +249,7 @@ def _push(push: Push, world: World) -> dict[str, Any]:
         row["place"] = (body.center + push.point).tolist()
     if push.profile is not None:
         row["profile"] = {push.profile.kind.value: push.profile.numbers}
+    # An impulse acts at one moment and has no end.
     if push.load is not Load.IMPULSE:
         if isfinite(push.end):
             row["end"] = push.end
