@@ -211,6 +211,8 @@ def read_manifest(folder: Path) -> Manifest:
             has_refinement=has_refinement,
             has_delivery=bool(DELIVERY_KEYS & set(data["video"])),
         )
+    # A damaged manifest can lack keys or hold values of any type, so every error of
+    # reading it means the same.
     except (
         OSError,
         ValueError,

@@ -57,6 +57,7 @@ def outcomes(trajectory: Trajectory, tracked_names: Sequence[str]) -> dict[str, 
     cells: dict[str, Cell] = {"touches": len(touches)}
     if trajectory.names:
         cells["peak_speed"] = float(speeds.max())
+        # One object that moves to the end leaves all objects together without a rest.
         if None in rests:
             cells["rest_time"] = None
         else:

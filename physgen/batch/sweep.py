@@ -81,6 +81,8 @@ class Sweep:
     def __getitem__(self, number: int) -> Point:
         if not 0 <= number < len(self):
             raise IndexError(number)
+        # A clip's number is a number of mixed radix: the draw is its lowest digit, then
+        # come the axes from last to first, and the variant is the highest.
         rest, draw_number = divmod(number, max(self.samples, 1))
         indices: list[int] = []
         for axis in reversed(self._grid):
@@ -178,6 +180,7 @@ def plan_clips(
     if not axes and len(variants) == 1:
         problems.append(Message.NO_KEYS_TO_SWEEP.problem(Place("sweep")))
     draw_count = 0
+    # Clips without a distribution would be equal for all draws, so they get none.
     if samples and any(isinstance(axis, DistributionAxis) for axis in axes):
         draw_count = samples
     sweep = Sweep(tuple(axes), tuple(variants), draw_count, seed or 0)

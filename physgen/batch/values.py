@@ -143,6 +143,7 @@ def _read_range(text: str) -> list[Value]:
     ):
         raise Message.NOT_A_RANGE.refusal()
     count = 0
+    # Other text leaves a count of 0, which the next test refuses.
     if re.fullmatch("[0-9]{1,18}", parts[2]):
         count = int(parts[2])
     if not 2 <= count <= MAX_COUNT:
@@ -248,6 +249,8 @@ def _fault(distribution: Distribution, parts: int) -> str:
         if numbers[1] > 0:
             return ""
         return f"has a standard deviation of {numbers[1]:g}"
+    # The width of the interval must be finite too, and it can overflow between two
+    # finite ends.
     if (
         len(numbers) != 2
         or parts != 2

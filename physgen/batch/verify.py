@@ -295,6 +295,8 @@ def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
     try:
         trajectory = read_trajectory(path)
         count, bodies = len(trajectory.times), len(trajectory.names)
+        # The file can be damaged or of another run, so its shapes and its hashes are
+        # compared before its values are used.
         complete = (
             trajectory.poses.shape == trajectory.velocities.shape == (count, bodies, 3)
             and trajectory.turns.shape in ((count, 0, 4), (count, bodies, 4))
@@ -321,10 +323,14 @@ def _motion_difference(
     counts = len(samples), len(hashes)
     first = _first_difference(samples, hashes)
     time = 0.0
+    # The new motion can be the shorter one: then its last time stands for the first
+    # sample that it lacks.
     if len(new_motion.times):
         time = float(new_motion.times[min(first, len(new_motion.times) - 1)])
     difference = MotionDifference(first, time, counts)
     old_motion = _stored_motion(folder / "trajectory.npz", samples)
+    # Distances need the same objects at the same times. Without them, only the first
+    # different sample is reported.
     if (
         old_motion is None
         or old_motion.names != new_motion.names

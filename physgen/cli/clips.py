@@ -231,7 +231,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     Raise InputError.
     """
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
-    # Problems of all options together, before the first job.
+    # Problems of both options are reported together, before the first job.
     checks: list[Callable[[], Any]] = [partial(_refining, options)]
     if options.export:
         checks.append(

@@ -15,7 +15,7 @@ REPORTS = ("full", "none")
 
 def fit(options: argparse.Namespace) -> int:
     _check_files(options)
-    # The scene itself stays unchanged, so that both can be compared.
+    # Without --output the scene itself stays unchanged, so that both can be compared.
     output = options.output
     if not output:
         output = options.scene.with_name(f"{options.scene.stem}-fitted.yaml")

@@ -39,6 +39,7 @@ def verify(options: argparse.Namespace) -> int:
     has_many = len(requests) > 1
     bar = Bar()
     work = batch.verify.verify
+    # One clip that runs here shows its own progress; several share a bar of clips.
     if not has_many and options.cluster is None:
         work = partial(batch.verify.verify, progress=bar.show)
     counts = Counter(dict.fromkeys(batch.verify.Outcome, 0))
@@ -56,6 +57,7 @@ def verify(options: argparse.Namespace) -> int:
                 bar.show("clips", counts.total(), len(requests))
     bar.clear()
     code = OK
+    # An unknown outcome decides the exit code before a difference does.
     if counts[batch.verify.Outcome.UNKNOWN]:
         code = WRONG_INPUT
     elif counts[batch.verify.Outcome.DIFFERS]:

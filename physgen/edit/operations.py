@@ -412,6 +412,7 @@ def _changes(old: Any, new: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Any]]
             yield from _changes(
                 old.get(key, ABSENT), new.get(key, ABSENT), (*path, key)
             )
+    # Lists of different lengths have no common places, so they change as a whole.
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         for index, (old_item, new_item) in enumerate(zip(old, new, strict=True)):
             yield from _changes(old_item, new_item, (*path, index))

@@ -240,6 +240,7 @@ def _leaving(
         for item in state.scene.objects
     )
     scene = replace(state.scene, objects=objects)
+    # Velocities do not change shapes, so the shapes of the compiled scene serve.
     world = compile_shapes(scene, state.compiled_scene.shapes).world
     end_positions = simulate(world, np.linspace(0, PUSHED, SAMPLES)).poses[-1, :, :2]
     is_inside = np.all((end_positions >= 0) & (end_positions < scene.size), axis=1)

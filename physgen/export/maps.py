@@ -326,5 +326,7 @@ def normal_codes(normals: F32) -> U16:
         length = np.where(has_no_length, np.float32(1), length)
     scale = np.float32(CODES.unit) / length
     codes = normals * cv2.merge((scale, scale, scale))
+    # The conversion to integers cuts the fraction off, so that half a code makes it
+    # round to the nearest code.
     codes += np.float32(CODES.zero + 0.5)
     return np.asarray(codes, np.uint16)

@@ -249,6 +249,7 @@ def _push(push: Push, world: World) -> dict[str, Any]:
         row["place"] = (body.center + push.point).tolist()
     if push.profile is not None:
         row["profile"] = {push.profile.kind.value: push.profile.numbers}
+    # An impulse acts at one moment and has no end.
     if push.load is not Load.IMPULSE:
         if isfinite(push.end):
             row["end"] = push.end
@@ -277,6 +278,7 @@ def _joint(joint: Joint, world: World) -> dict[str, Any]:
         "stiffness": joint.stiffness,
         "damping": joint.damping,
         "speed": degrees(joint.speed),
+        # JSON has no infinity: null stands for the lack of a limit.
         "limit": joint.limit if isfinite(joint.limit) else None,
         "collide": joint.collide,
     }

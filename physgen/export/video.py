@@ -285,6 +285,8 @@ def _mp4(
     """Yield a writer of H.264, BT.709. For odd sizes, the last column and row are
     repeated.
     """
+    # Chroma of 4:2:0 has one sample for two columns and two rows, so that both
+    # lengths of the picture must be even.
     width = size[0] + size[0] % 2
     height = size[1] + size[1] % 2
     options = {"fflags": "+bitexact", "movflags": "+faststart"}
@@ -294,6 +296,8 @@ def _mp4(
         stream.width, stream.height, stream.pix_fmt = width, height, layout
         stream.options = dict(X264)
         context = stream.codec_context
+        # FFmpeg numbers these: limited range and the BT.709 matrix are both 1, BT.709
+        # primaries are 1, and 13 is the transfer function of sRGB.
         context.color_range, context.colorspace = 1, 1
         context.color_primaries, context.color_trc = 1, 13
         context.flags |= BITEXACT
@@ -316,6 +320,7 @@ def _mp4(
                 track.write_until(float(frame_count / rate))
 
         yield write
+        # Encoders hold frames back; encoding None writes those that remain.
         container.mux(stream.encode(None))
         if track is not None:
             track.close()
@@ -370,6 +375,7 @@ def _webp(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
             container.mux(stream.encode(frame.reformat(format="bgra")))
 
         yield write
+        # Encoders hold frames back; encoding None writes those that remain.
         container.mux(stream.encode(None))
 
 
@@ -487,6 +493,7 @@ def open_alpha_clip(
             container.mux(stream.encode(frame))
 
         yield write
+        # Encoders hold frames back; encoding None writes those that remain.
         container.mux(stream.encode(None))
 
 
@@ -506,6 +513,8 @@ def sample_frames(path: Path, count: int, side: int) -> list[U8]:
             scale = min(side / max(stream.width, stream.height), 1.0)
             width = max(round(stream.width * scale), 1)
             height = max(round(stream.height * scale), 1)
+            # Frames depend on frames before them, so all are decoded, but only those of
+            # the sample are converted to RGB and made smaller.
             for number, frame in enumerate(container.decode(stream)):
                 if number in numbers:
                     small = frame.reformat(width, height, "rgb24", interpolation="AREA")

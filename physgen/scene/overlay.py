@@ -292,6 +292,7 @@ def _set_item(
         raise edit.error(
             Message.INDEX_TOO_LARGE.refusal(path=dotted(place_path), items=count)
         )
+    # The step [*] sets every item of the list.
     for index in range(len(new_items)) if step == "[*]" else [int(step)]:
         new_items[index] = _set(
             new_items[index], path, depth + 1, edit, star, (*place_path, index)

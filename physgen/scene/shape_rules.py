@@ -197,6 +197,7 @@ def _check_loop(tree: CheckedTree, motion: dict[str, Node], path: KeyPath) -> No
         return
     first = items(knots[0])
     last = items(knots[-1])
+    # Knots are (time, x, y): only the positions must agree.
     if any(number_of(first[k]) != number_of(last[k]) for k in (1, 2)):
         problem = Message.LOOP_OPEN.problem(
             knots[-1].place,

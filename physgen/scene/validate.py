@@ -434,6 +434,7 @@ class _Fault:
             item_text = items[0].value
         else:
             item_text = None
+        # A single text such as "1 2" can hold all numbers of a list.
         if isinstance(item_text, str):
             meaning = meant_list(item_text)
         else:

@@ -253,8 +253,11 @@ def _without_comment(text: str, path: KeyPath, own_comments: Collection[str]) ->
         if _is_own_comment(words, own_comments) and lines[line].lstrip().startswith(
             "#"
         ):
+            # A comment alone on its line takes the line with it.
             del lines[line]
         elif _is_own_comment(words, own_comments):
+            # A comment behind a value leaves the value, and the carriage return of a
+            # line that ends with one.
             lines[line] = lines[line].rpartition(" #")[0].rstrip() + "\r" * lines[
                 line
             ].endswith("\r")
