@@ -16,17 +16,18 @@ from zlib import crc32
 
 LABELS = Path(__file__).with_name("view_labels.csv")
 MATERIAL = "PHYSGEN_MATERIAL"
-"""Environment variable: the folder of the sets for training; others lie beside it."""
+"""Environment variable: the folder of coco/, photos/, peer-scenes/ and material/."""
 SCENES = Path(__file__).parents[1] / "scenes"
 SEEN_FROM_ABOVE = ("billiards", "curling")
 """Bundled scenes that are seen from above."""
 PATTERNS = {
-    "coco": "../coco/{}.jpg",
-    "strangers": "../photos/strangers/{}.jpg",
-    "photos": "../photos/{}/original.png",
-    "peer-scenes": "../peer-scenes/{}/original.png",
+    "coco": "coco/{}.jpg",
+    "strangers": "photos/strangers/{}.jpg",
+    "photos": "photos/{}/original.png",
+    "peer-scenes": "peer-scenes/{}/original.png",
 }
-"""Files of photos, from the folder of MATERIAL; those of other sets are in SET/images."""
+"""Files of photos, from the folder of MATERIAL; those of other sets are in
+material/SET/images."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class LabelledPhoto:
 
     def file(self, material: Path) -> Path:
         """Return the photo's file."""
-        pattern = PATTERNS.get(self.set, f"{self.set}/images/{{}}.jpg")
+        pattern = PATTERNS.get(self.set, f"material/{self.set}/images/{{}}.jpg")
         return material / pattern.format(self.name.partition("/")[2])
 
 

@@ -137,3 +137,36 @@ def test_pieces_of_wrong_side_beside_line_are_filled() -> None:
     assert error(wrong, truth, above) > 50
     assert error(painted, truth, above) < 10
     assert error(painted, truth, away > 5) < 10
+
+
+@pytest.mark.parametrize("width", [10, 12, 16])
+@pytest.mark.parametrize("levels", [(60, 190), (190, 60)])
+def test_bar_through_hole_stays(width: int, levels: tuple[int, int]) -> None:
+    """Beyond a bar, the ground has the colours of its other side, and is right."""
+    away = Y - 75
+    truth = photo(np.where((away > 0) & (away < width), *levels))
+    colours = truth.astype(np.float32)
+    lines = certain_lines(colours, HOLE)
+    assert lines
+    painted = paint_lines(colours.copy(), colours, HOLE, lines, 1.0)
+    assert error(painted, truth, np.abs(away) < 40) < 5
+
+
+def test_wrong_piece_apart_from_line_and_specks_stay() -> None:
+    truth, away = bench()
+    colours = truth.astype(np.float32)
+    filled = colours.copy()
+    piece = (away > -23) & (away < -19) & (X > 100) & (X < 118)
+    specks = (away > -12) & (away < -9) & (np.abs(X - 130) < 3)
+    filled[(piece | specks) & HOLE] = 60
+    lines = certain_lines(colours, HOLE)
+    painted = paint_lines(filled, colours, HOLE, lines, 1.0)
+    assert (painted[piece & HOLE] < 80).all()
+
+
+@pytest.mark.parametrize("levels", [(120, 60), (190, 120)])
+def test_round_end_of_other_surfaces_is_not_joined(levels: tuple[int, int]) -> None:
+    _, away = bench()
+    colours = np.where(away < 0, 190, 60)
+    colours = np.where(X < 120, colours, np.where(Y < 80, *levels))
+    assert certain_lines(photo(colours).astype(np.float32), HOLE) == []

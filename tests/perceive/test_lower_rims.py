@@ -119,3 +119,16 @@ def test_a_label_near_the_base_leaves_no_notch() -> None:
     refined = refine_lower_rims(photo, labels, nothing(labels))
     assert (refined[110:396, 110:530] == 1).all()
     assert not refined[403:].any()
+
+
+def test_a_gap_between_feet_leaves_the_mask() -> None:
+    """A notch with the colours of the lit ground is not filled."""
+    random = np.random.default_rng(0)
+    photo = np.full((480, 640, 3), 250, np.uint8)
+    cloth = 120 + random.normal(0, 3, (300, 440, 1))
+    photo[100:400, 100:540] = np.clip(cloth, 0, 255).astype(np.uint8)
+    photo[384:400, 370:410] = 250
+    labels = np.zeros((480, 640), np.uint16)
+    labels[100:400, 100:540] = 1
+    refined = refine_lower_rims(photo, labels, nothing(labels))
+    assert not refined[390:398, 380:400].any()

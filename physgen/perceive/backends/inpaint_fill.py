@@ -328,10 +328,10 @@ def _limit_repeated_detail(detail: F32, sources: I64, repeats: float) -> None:
     if not is_set.any():
         return
     counts = np.bincount(sources)[sources]
-    is_repeated = counts > repeats
+    shared_pixels = counts > repeats
     # The specks themselves hardly change a median.
     limit = LIMITS.usual_detail * float(np.median(np.abs(detail[is_set])))
-    detail[is_repeated] = np.clip(detail[is_repeated], -limit, limit)
+    detail[shared_pixels] = np.clip(detail[shared_pixels], -limit, limit)
 
 
 def _carry_arcs(picture: F32, photo: F32, hole: Mask) -> tuple[F32, Mask]:

@@ -1,7 +1,8 @@
 """Both sides of a straight line through a hole.
 
 A line through a hole is certain, but copies beside it may still show the other side: a
-piece of a bench above the edge of the bench. Such pieces are filled from their own side.
+piece of a bench above the edge of the bench. Such pieces are filled smoothly from their
+own side, without grain.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
 class _Tuning:
     """Sizes are px of the reduced photo; chosen by eye."""
 
-    # Distance over which the difference of a piece's colours from those of its own side
-    # exceeds that from the other side, over the difference of both sides.
+    # Least excess of a colour's difference from its own side over that from the other
+    # side, as a share of the difference of both sides.
     excess: float = 0.3
-    # Least width and height of a wrong piece: smaller ones are specks of the ground.
-    width: float = 12.0
-    height: float = 1.5
+    # Least longer side and mean width of a wrong piece: smaller ones are specks.
+    least_length: float = 12.0
+    least_width: float = 1.5
     # Margin around a wrong piece, which is blended into its surroundings, and largest
     # distance of the piece from the strip of the line, which has cut off the piece.
     margin: float = 2.0
@@ -46,8 +47,10 @@ class LineSides:
     """(3,) of the side with negative offsets, and of the other one."""
     half_line: float
     """Half the width of the line, px."""
-    strip_range: tuple[float, float]
+    painted_offsets: tuple[float, float]
     """Least and largest offset of the painted strip, px."""
+    largest_offset: float
+    """Largest offset of the searched pixels, px."""
     scale: float
     """px of the photo per px of the reduced photo."""
 
@@ -58,34 +61,52 @@ def mend_sides(filled: F32, hole: Mask, sides: LineSides) -> None:
     `filled` (H, W, 3) is the photo with a fill.
     """
     rows, columns = sides.pixels
-    # The line itself and its other side are right.
-    is_ground = np.abs(sides.offsets) > sides.half_line
-    is_wrong = _shows_other_side(filled[rows, columns], sides) & is_ground
+    distance = np.abs(sides.offsets)
+    # The line itself shows neither side.
+    ground_pixels = distance > sides.half_line
+    wrong_pixels = ground_pixels & has_other_colours(
+        filled[rows, columns], sides.offsets, sides.colours
+    )
+    if not wrong_pixels.any():
+        return
     margin = max(1, round(TUNING.margin * sides.scale))
-    is_cut = sides.offsets > sides.strip_range[0] - margin
-    is_cut &= sides.offsets < sides.strip_range[1] + margin
-    wrong_mask, cut_mask, ground_mask = np.zeros((3, *hole.shape), np.bool_)
-    wrong_mask[rows[is_wrong], columns[is_wrong]] = True
-    cut_mask[rows[is_cut], columns[is_cut]] = True
-    wrong_mask = _cut_pieces(wrong_mask & hole, cut_mask, sides.scale)
+    edge_pixels = sides.offsets > sides.painted_offsets[0] - margin
+    edge_pixels &= sides.offsets < sides.painted_offsets[1] + margin
+    wrong_mask = _select_pieces(
+        _draw_mask(sides, wrong_pixels, hole.shape),
+        _draw_mask(sides, edge_pixels, hole.shape),
+        _draw_mask(sides, distance > sides.largest_offset - 1, hole.shape),
+        sides.scale,
+    )
     if not wrong_mask.any():
         return
-    ground_mask[rows[is_ground], columns[is_ground]] = True
+    ground_mask = _draw_mask(sides, ground_pixels, hole.shape)
     mended_mask = dilate(wrong_mask, margin) & hole & ground_mask
-    box = _box_around(mended_mask)
+    box = _find_box(mended_mask)
     part = harmonic_fill(filled[box], mended_mask[box])
     filled[mended_mask] = part[mended_mask[box]]
 
 
-def _shows_other_side(values: F32, sides: LineSides) -> Mask:
-    """Return whether colours (n, 3) are those of the other side of the line, (n,)."""
-    contrast = float(np.linalg.norm(sides.colours[0] - sides.colours[1]))
-    distances = [np.linalg.norm(values - colour, axis=1) for colour in sides.colours]
-    excess = np.where(sides.offsets < 0, 1, -1) * (distances[0] - distances[1])
+def _draw_mask(sides: LineSides, selection: Mask, shape: tuple[int, ...]) -> Mask:
+    """Return the mask (H, W) of selected pixels (n,) beside a line."""
+    mask = np.zeros(shape, np.bool_)
+    rows, columns = sides.pixels
+    mask[rows[selection], columns[selection]] = True
+    return mask
+
+
+def has_other_colours(values: F32, offsets: F32, colours: tuple[F32, F32]) -> Mask:
+    """Return whether colours (n, 3) are those of the other side of a line, (n,).
+
+    `offsets` (n,) are those of the pixels; `colours` those of both sides.
+    """
+    contrast = float(np.linalg.norm(colours[0] - colours[1]))
+    distances = [np.linalg.norm(values - colour, axis=1) for colour in colours]
+    excess = np.where(offsets < 0, 1, -1) * (distances[0] - distances[1])
     return np.asarray(excess > TUNING.excess * contrast)
 
 
-def _box_around(mask: Mask) -> tuple[slice, slice]:
+def _find_box(mask: Mask) -> tuple[slice, slice]:
     """Return the rows and columns of a mask (H, W) with a margin of 1 px."""
     left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
     return np.s_[
@@ -93,21 +114,24 @@ def _box_around(mask: Mask) -> tuple[slice, slice]:
     ]
 
 
-def _cut_pieces(mask: Mask, strip: Mask, scale: float) -> Mask:
-    """Return the connected pieces (H, W) of a mask that are no specks and touch the
-    `strip` (H, W) of a line.
+def _select_pieces(mask: Mask, strip: Mask, border: Mask, scale: float) -> Mask:
+    """Return the connected pieces (H, W) of a mask that the `strip` of a line has cut.
+
+    Specks are left out, and pieces that reach the `border` of the searched pixels: they
+    may be other structures.
     """
     count, ids, stats, _ = cv2.connectedComponentsWithStats(
         mask.astype(np.uint8), connectivity=8
     )
-    is_large = np.zeros(count, np.bool_)
-    longer_side = np.maximum(
-        stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT]
-    )
-    area = stats[1:, cv2.CC_STAT_AREA]
-    least_length = TUNING.width * scale
-    is_large[1:] = longer_side >= least_length
-    is_large[1:] &= area >= least_length * TUNING.height * scale
-    is_cut = np.zeros(count, np.bool_)
-    is_cut[np.unique(ids[strip])] = True
-    return np.asarray((is_large & is_cut)[ids])
+    longer_side = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
+    least_length = TUNING.least_length * scale
+    is_piece = longer_side >= least_length
+    least_area = least_length * TUNING.least_width * scale
+    is_piece &= stats[:, cv2.CC_STAT_AREA] >= least_area
+    has_contact = np.zeros(count, np.bool_)
+    has_contact[np.unique(ids[strip])] = True
+    is_piece &= has_contact
+    is_piece[np.unique(ids[border])] = False
+    # Id 0 is the rest of the picture.
+    is_piece[0] = False
+    return np.asarray(is_piece[ids])

@@ -25,7 +25,7 @@ from physgen.perceive.inpaint.border_ends import (
 from physgen.perceive.inpaint.copy_offsets import I64
 from physgen.perceive.inpaint.edge_continuation import colour_differences, line_points
 from physgen.perceive.inpaint.ellipse_arcs import follow_edge
-from physgen.perceive.inpaint.line_sides import LineSides, mend_sides
+from physgen.perceive.inpaint.line_sides import LineSides, has_other_colours, mend_sides
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import Mask
 
@@ -58,6 +58,8 @@ class _Tuning:
     rough_differ: tuple[float, float] = (0.15, 0.35)
     rough_contrast: float = 80.0
     rough_turn: float = 0.25
+    # Least share of a pixel that no line has painted.
+    free: float = 0.05
     # Visible length at a rough end that is copied.
     rough_length: float = 32.0
     # Least length of a line in a hole.
@@ -122,6 +124,11 @@ class CertainLine:
     # Visible length before `start` and after `end` that may be copied.
     lengths: tuple[float, float]
 
+    @property
+    def has_rough_end(self) -> bool:
+        """Return whether one end is not straight."""
+        return min(self.lengths) < TUNING.copied_length
+
     def scale_steps(self, steps: F64) -> CertainLine:
         """Return the line in a photo with `steps` (x, y) px per px."""
         first, last = self.first * steps, self.last * steps
@@ -165,7 +172,11 @@ def _certain_pairs(
 ) -> Iterator[CertainLine]:
     """Yield the lines between pairs of ends, straightest first; no two lines cross."""
     chords: list[tuple[int, int]] = []
-    pairs = sorted(_straight_pairs(ends, known), key=lambda pair: pair[:3])
+    # A rough end has no angle of its own: its pairs come after those of straight ends.
+    pairs = sorted(
+        _straight_pairs(ends, known),
+        key=lambda pair: (pair[3].has_rough_end, *pair[:3]),
+    )
     for _, i, j, line in pairs:
         has_line = any({i, j} & {p, q} for p, q in chords)
         if has_line or any((p < i < q) != (p < j < q) for p, q in chords):
@@ -239,16 +250,16 @@ def _straight_line(a: _VisibleEnd, b: _VisibleEnd) -> CertainLine | None:
         return None
     # One straight end determines the line if the colours on both sides agree closely.
     unit_chord = chord / np.hypot(*chord)
-    if a.direction is not None and _continues(a.direction, b.end, a.end, chord):
+    if a.direction is not None and _is_continuation(a.direction, b.end, a.end, chord):
         lengths = straight_length, rough_length
         return CertainLine(start, end, a.direction, unit_chord, lengths)
-    if b.direction is not None and _continues(b.direction, a.end, b.end, -chord):
+    if b.direction is not None and _is_continuation(b.direction, a.end, b.end, -chord):
         lengths = rough_length, straight_length
         return CertainLine(start, end, unit_chord, -b.direction, lengths)
     return None
 
 
-def _continues(
+def _is_continuation(
     direction: F64, rough_end: BorderEnd, straight_end: BorderEnd, chord: F64
 ) -> bool:
     """Return whether a rough end is the other end of a straight one.
@@ -295,9 +306,11 @@ def paint_lines(
         continuation = strip.continue_colours()
         if continuation is not None:
             _blend_strip(result, free_share, strip, *continuation)
-            sides = _sides_of(strip, hole, continuation[1])
+            # Painted pixels are right.
+            free_hole = hole & (free_share > TUNING.free)
+            sides = _measure_sides(strip, free_hole, continuation[1])
             if sides is not None:
-                mend_sides(result, hole, sides)
+                mend_sides(result, free_hole, sides)
     return result
 
 
@@ -482,6 +495,15 @@ class _Strip:
         before = self._profile(slice(self.outside - rows_before, self.outside))
         return before, self._profile(slice(end, end + rows_after))
 
+    @cached_property
+    def end_columns(self) -> NDArray[np.bool_]:
+        """Return the columns (m,) with visible pixels at both ends of the line."""
+        rows_before, rows_after = self.copied_rows
+        end = len(self.colours) - self.outside
+        first_rows = self.known_mask[self.outside - rows_before : self.outside]
+        last_rows = self.known_mask[end : end + rows_after]
+        return np.asarray(first_rows.any(axis=0) & last_rows.any(axis=0))
+
     def _profile(self, rows: slice) -> F32:
         """Return the mean colours (m, 3) across the line on visible rows."""
         weights = self.known_mask[rows].astype(np.float32)[..., None]
@@ -564,37 +586,78 @@ def _blend_strip(
     free_share[box][rows, columns] -= share
 
 
-def _sides_of(strip: _Strip, hole: Mask, weights: F32) -> LineSides | None:
-    """Return the pixels of `hole` (H, W) beside a line; None without ground beside it.
+def _measure_sides(strip: _Strip, hole: Mask, weights: F32) -> LineSides | None:
+    """Return the pixels of `hole` (H, W) beside a line; None without clear ground there.
 
     `weights` (n, m) are those of the painted strip.
     """
     middle = strip.known_mask.shape[1] // 2
     half_line = round(TUNING.edge_shift * strip.scale)
-    width = round(TUNING.ground_width * strip.scale)
-    profile = (strip.profiles[0] + strip.profiles[1]) / 2
-    first_ground = profile[max(middle - half_line - width, 0) : middle - half_line]
-    second_ground = profile[middle + half_line + 1 : middle + half_line + 1 + width]
+    colours = _measure_ground_colours(strip, half_line)
     box = strip.box
     rows, columns = np.nonzero(hole[box])
     painted_columns = np.flatnonzero(weights.any(axis=0))
-    if not (
-        len(first_ground) and len(second_ground) and len(rows) and len(painted_columns)
-    ):
+    if colours is None or not (len(rows) and len(painted_columns)):
         return None
     rows, columns = rows + box[0].start, columns + box[1].start
     column_places, row_places = strip.places_of(np.stack([columns, rows], axis=1))
-    last_row = len(strip.center) - strip.outside
-    side_mask = (row_places >= strip.outside) & (row_places < last_row)
+    plain_columns = _find_plain_columns(strip, colours, half_line)
+    nearest_columns = np.clip(np.rint(column_places).astype(int), 0, 2 * middle)
+    side_mask = plain_columns[nearest_columns]
     side_mask &= (column_places >= 0) & (column_places <= 2 * middle)
+    side_mask &= row_places >= strip.outside
+    side_mask &= row_places < len(strip.center) - strip.outside
     return LineSides(
         pixels=(rows[side_mask], columns[side_mask]),
         offsets=np.asarray(column_places[side_mask] - middle, np.float32),
-        colours=(first_ground.mean(axis=0), second_ground.mean(axis=0)),
+        colours=colours,
         half_line=half_line,
-        strip_range=(painted_columns[0] - middle, painted_columns[-1] - middle),
+        painted_offsets=(painted_columns[0] - middle, painted_columns[-1] - middle),
+        largest_offset=float(middle),
         scale=strip.scale,
     )
+
+
+def _measure_ground_colours(strip: _Strip, half_line: int) -> tuple[F32, F32] | None:
+    """Return the mean colours (3,) of the visible ground on both sides of a line.
+
+    None if the ground is not visible at both ends, or if both sides are alike.
+    """
+    middle = strip.known_mask.shape[1] // 2
+    width = round(TUNING.ground_width * strip.scale)
+    end_columns = strip.end_columns
+    profile = (strip.profiles[0] + strip.profiles[1]) / 2
+    columns = np.arange(len(profile)) - middle
+    near_columns = (np.abs(columns) > half_line) & (
+        np.abs(columns) <= half_line + width
+    )
+    means = []
+    for side_columns in (columns < 0, columns > 0):
+        ground = profile[near_columns & side_columns & end_columns]
+        if not len(ground):
+            return None
+        means.append(np.asarray(ground.mean(axis=0), np.float32))
+    if float(np.linalg.norm(means[0] - means[1])) < TUNING.contrast:
+        return None
+    return means[0], means[1]
+
+
+def _find_plain_columns(
+    strip: _Strip, colours: tuple[F32, F32], half_line: int
+) -> NDArray[np.bool_]:
+    """Return the columns (m,) from a line to the first other structure beside it.
+
+    Beyond a dark bar, the ground may have the colours of the other side of the bar.
+    """
+    middle = strip.known_mask.shape[1] // 2
+    offsets = np.arange(-middle, middle + 1).astype(np.float32)
+    plain_columns = strip.end_columns.copy()
+    for profile in strip.profiles:
+        plain_columns &= ~has_other_colours(profile, offsets, colours)
+    plain_columns |= np.abs(offsets) <= half_line
+    plain_columns[middle:] = np.logical_and.accumulate(plain_columns[middle:])
+    plain_columns[middle::-1] = np.logical_and.accumulate(plain_columns[middle::-1])
+    return np.asarray(plain_columns)
 
 
 def _sample_rows(array: F32, x: F32, y: F32) -> F32:
