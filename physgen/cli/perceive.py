@@ -393,7 +393,8 @@ def add_photo_flags(parser: Parser) -> None:
     )
     parser.option("--masks", "FILE", Path, help_text)
     help_text = (
-        "box around an object, in px of the photo that you give; may be repeated"
+        "box around an object, in px of the photo that you give; may be repeated; "
+        "without --refresh, other objects are left out"
     )
     parser.option("--box", "X,Y,W,H", str, help_text, [], action="append")
     parser.option(
