@@ -379,15 +379,21 @@ class _Ribbon:
         filled_offsets = np.minimum(
             filled_offsets, np.maximum(offsets, self.mask_offsets)
         )
-        is_deep = filled_offsets - offsets > RIMS.notch_depth * self.size
+        depths = np.where(self.rim_points, filled_offsets - offsets, 0)
         in_notch = self.offsets > offsets[:, None]
         in_notch &= self.offsets <= filled_offsets[:, None]
-        # A notch with the colours of the lit ground is a gap between feet.
+        # A notch with the colours of the lit ground is a gap between feet. Flanks of a
+        # notch are shallow, so that a notch is judged and filled as a whole.
         lit_evidence, _ = self._colour_evidence
-        sums = np.where(in_notch, lit_evidence, 0).sum(axis=1)
-        totals = _ring_sums(np.where(is_deep, sums, 0), reach)
-        is_notch = is_deep & (totals < 0)
-        return np.where(is_notch, filled_offsets, offsets)
+        evidence = np.where(in_notch, lit_evidence, 0).sum(axis=1)
+        notches = _label_runs(depths > RIMS.shift)
+        count = notches.max(initial=0) + 1
+        largest_depths = np.zeros(count)
+        np.maximum.at(largest_depths, notches, depths)
+        is_filled = largest_depths > RIMS.notch_depth * self.size
+        is_filled &= np.bincount(notches, evidence, count) < 0
+        is_filled[0] = False
+        return np.where(is_filled[notches], filled_offsets, offsets)
 
     def clearer_points(self, offsets: F64) -> Mask:
         """Return the points (n,) with a moved border whose edges became clearer.
@@ -553,6 +559,14 @@ def _close_ring(values: F64, reach: int) -> F64:
     row = padded_values[None].astype(np.float32)
     closed_row = cv2.morphologyEx(row, cv2.MORPH_CLOSE, kernel)[0]
     return np.asarray(closed_row[margin : margin + len(values)], np.float64)
+
+
+def _label_runs(flags: Mask) -> Ints:
+    """Return ids (n,) of the runs of flags along a closed outline; 0 elsewhere."""
+    ids = np.cumsum(flags & ~np.roll(flags, 1))
+    # The run through the first point may have begun before the last one.
+    ids[ids == 0] = max(int(ids[-1]), 1)
+    return np.asarray(ids * flags)
 
 
 def _near(flags: Mask, reach: int) -> Mask:

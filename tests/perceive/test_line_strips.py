@@ -8,7 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from physgen.perceive.backends.inpaint_fill import fill
-from physgen.perceive.inpaint.line_strips import certain_lines, paint_lines
+from physgen.perceive.inpaint.certain_lines import certain_lines
+from physgen.perceive.inpaint.line_strips import paint_lines
 
 Rgb = NDArray[np.uint8]
 Mask = NDArray[np.bool_]

@@ -107,15 +107,21 @@ def test_no_objects_give_no_rims() -> None:
     assert np.array_equal(refine_lower_rims(photo, labels, labels > 0), labels)
 
 
-def test_a_label_near_the_base_leaves_no_notch() -> None:
-    """The lower edge of a label on pale cloth is clearer than the base of the cloth."""
+def cloth_on_white(level):
+    """Return a photo of grey cloth before a white ground, and its label map."""
     random = np.random.default_rng(0)
     photo = np.full((480, 640, 3), 250, np.uint8)
-    cloth = 208 + random.normal(0, 3, (300, 440, 1))
+    cloth = level + random.normal(0, 3, (300, 440, 1))
     photo[100:400, 100:540] = np.clip(cloth, 0, 255).astype(np.uint8)
-    photo[330:380, 380:424] = 20
     labels = np.zeros((480, 640), np.uint16)
     labels[100:400, 100:540] = 1
+    return photo, labels
+
+
+def test_a_label_near_the_base_leaves_no_notch() -> None:
+    """The lower edge of a label on pale cloth is clearer than the base of the cloth."""
+    photo, labels = cloth_on_white(208)
+    photo[330:380, 380:424] = 20
     refined = refine_lower_rims(photo, labels, nothing(labels))
     assert (refined[110:396, 110:530] == 1).all()
     assert not refined[403:].any()
@@ -123,12 +129,7 @@ def test_a_label_near_the_base_leaves_no_notch() -> None:
 
 def test_a_gap_between_feet_leaves_the_mask() -> None:
     """A notch with the colours of the lit ground is not filled."""
-    random = np.random.default_rng(0)
-    photo = np.full((480, 640, 3), 250, np.uint8)
-    cloth = 120 + random.normal(0, 3, (300, 440, 1))
-    photo[100:400, 100:540] = np.clip(cloth, 0, 255).astype(np.uint8)
+    photo, labels = cloth_on_white(120)
     photo[384:400, 370:410] = 250
-    labels = np.zeros((480, 640), np.uint16)
-    labels[100:400, 100:540] = 1
     refined = refine_lower_rims(photo, labels, nothing(labels))
     assert not refined[390:398, 380:400].any()

@@ -45,6 +45,23 @@ def standing(
     return sprite, split[0]
 
 
+def split_shade(
+    coverage: np.ndarray, corner: tuple[int, int], halo: np.ndarray
+) -> np.ndarray:
+    """Return the shade of the foot halo of a dark object on plain ground, (H, W, 3)."""
+    near = np.zeros(halo.shape[:2], np.int32)
+    picture = 0.1 * coverage[..., None].repeat(3, axis=2)
+    sprite = Sprite(0, corner, picture, coverage, halo=((0, 0), halo, near))
+    height, width = coverage.shape
+    center = (corner[0] + width / 2, corner[1] + height / 2)
+    start = Silhouette(
+        coverage, corner, center, None, 40.0, FOOT - 0.5, ends=(0.0, 200.0)
+    )
+    split = split_halos([sprite], [start], 0.1, GROUND, is_mirror=False)
+    shade, _ = on_photo(foot_halo_of(split[0]))
+    return shade
+
+
 def foot_halo_of(sprite: Sprite) -> FootHalo:
     assert sprite.foot_halo is not None
     return sprite.foot_halo
@@ -106,14 +123,7 @@ def test_shade_continues_below_the_soft_border_of_the_object() -> None:
     corner = (70 - MARGIN, 40 - MARGIN)
     halo = np.zeros((SIZE[1], SIZE[0], 3), np.float32)
     halo[FOOT + 2 : FOOT + 14, 70:110] = -0.3
-    near = np.zeros(halo.shape[:2], np.int32)
-    picture = 0.1 * coverage[..., None].repeat(3, axis=2)
-    sprite = Sprite(0, corner, picture, coverage, halo=((0, 0), halo, near))
-    start = Silhouette(
-        coverage, corner, (90.0, 70.0), None, 40.0, FOOT - 0.5, ends=(0.0, 150.0)
-    )
-    split = split_halos([sprite], [start], 0.1, GROUND, is_mirror=False)
-    shade, _ = on_photo(foot_halo_of(split[0]))
+    shade = split_shade(coverage, corner, halo)
     rows = shade[FOOT : FOOT + 4, 80:100].mean(axis=(1, 2))
     assert rows[:2].min() > 0.7 * rows[2:].max()
 
@@ -127,14 +137,7 @@ def test_shade_below_an_overhang_has_no_upright_edge() -> None:
     halo = np.zeros((SIZE[1], SIZE[0], 3), np.float32)
     halo[72:FOOT, 30:170] = -0.2
     halo[72:FOOT, 90:110] = 0
-    near = np.zeros(halo.shape[:2], np.int32)
-    picture = 0.1 * coverage[..., None].repeat(3, axis=2)
-    sprite = Sprite(0, corner, picture, coverage, halo=((0, 0), halo, near))
-    start = Silhouette(
-        coverage, corner, (100.0, 60.0), None, 60.0, FOOT - 0.5, ends=(0.0, 200.0)
-    )
-    split = split_halos([sprite], [start], 0.1, GROUND, is_mirror=False)
-    shade, _ = on_photo(foot_halo_of(split[0]))
+    shade = split_shade(coverage, corner, halo)
     row = shade[80, 30:60].mean(axis=1)
     assert row[-1] > 0.02
     assert np.abs(np.diff(row)).max() < 0.3 * row.max()

@@ -20,13 +20,10 @@ from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.inpaint.band_grain import match_grain
+from physgen.perceive.inpaint.certain_lines import CertainLine, certain_lines
 from physgen.perceive.inpaint.copy_offsets import I64
 from physgen.perceive.inpaint.edge_continuation import continue_arcs
-from physgen.perceive.inpaint.line_strips import (
-    CertainLine,
-    certain_lines,
-    paint_lines,
-)
+from physgen.perceive.inpaint.line_strips import paint_lines
 from physgen.perceive.inpaint.patch_match import patch_match_fill
 from physgen.perceive.inpaint.poisson import (
     blend_at_border,

@@ -1,14 +1,13 @@
 """Straight lines through a hole, continued with their texture.
 
 Copies of patches lose thin structures: the gap between two planks, the edge of a table
-or a horizon ends at the hole. A line that is visible on both sides of the hole, straight
-and in the same direction, is certain. Its strip is straightened on both sides, copied
-along the line and blended into the fill (structure propagation, Sun et al. 2005).
+or a horizon ends at the hole. The strip of a certain line is straightened on both sides,
+copied along the line and blended into the fill (structure propagation, Sun et al. 2005).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,16 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.maps import F32
-from physgen.perceive.inpaint.border_ends import (
-    BorderEnd,
-    KnownSurroundings,
-    border_ends,
-)
+from physgen.perceive.inpaint.certain_lines import LINES, CertainLine
 from physgen.perceive.inpaint.copy_offsets import I64
-from physgen.perceive.inpaint.edge_continuation import colour_differences, line_points
-from physgen.perceive.inpaint.ellipse_arcs import follow_edge
 from physgen.perceive.inpaint.line_sides import LineSides, has_other_colours, mend_sides
-from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import Mask
 
 F64 = NDArray[np.float64]
@@ -34,38 +26,15 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class _Tuning:
-    """Limits of certain lines and sizes of their strips.
-
-    Sizes are px of the reduced photo; chosen by eye on five photos of tables. `inside`
-    and `plain` were chosen on holes in half of the photos of the benchmark of fills.
+    """Limits and sizes of strips, px of the reduced photo; by eye on five photos of
+    tables.
     """
 
-    # Levels between both sides of the weaker end.
-    contrast: float = 40.0
-    # Least visible length at each end ...
-    visible: float = 24.0
-    # ... and the largest distance of that part from a straight line.
-    largest_bend: float = 1.5
-    # Visible length that determines the direction.
-    direction_length: float = 48.0
-    # rad: largest angle between the chord of both ends and each visible part.
-    turn: float = 0.12
-    # Largest difference of both ends over their mean contrast: on the more similar side
-    # and on the other.
-    differ: tuple[float, float] = (0.35, 0.6)
-    # The same limits for the pair of a straight end and a rough one, such as the edge of
-    # old wood, and the least contrast and the largest turn, rad, of the rough end.
-    rough_differ: tuple[float, float] = (0.15, 0.35)
-    rough_contrast: float = 80.0
-    rough_turn: float = 0.25
+    # Visible length that is copied, and that at a rough end.
+    copied_length: int = 120
+    rough_length: float = 32.0
     # Least share of a pixel that no line has painted.
     free: float = 0.05
-    # Visible length at a rough end that is copied.
-    rough_length: float = 32.0
-    # Least length of a line in a hole.
-    shortest: float = 12.0
-    # Least share of the line in the hole: a line beside the hole needs no fill.
-    inside: float = 0.5
     # Half the width of the searched structure.
     search: int = 24
     # Change of colour per px in a line over the largest change.
@@ -79,8 +48,6 @@ class _Tuning:
     # Levels, RMS: ground with more detail along the line, e.g. leaves beside a window,
     # is better copied as patches.
     ground_detail: float = 8.0
-    # Visible length that is copied.
-    copied_length: int = 120
     # Largest copied detail over its median, beside this many levels.
     outlier: float = 2.5
     least_detail: float = 2.0
@@ -108,188 +75,6 @@ LEAST_RUN = 5
 """px: shortest visible part of a column of a strip."""
 MOST_ROWS = 16_384
 """Rows of pixels in one call of OpenCV, which allows at most 32,767."""
-
-
-@dataclass(frozen=True, eq=False)
-class CertainLine:
-    """A straight line through a hole, px of the photo."""
-
-    # x, y of both ends at the border of the hole.
-    start: F64
-    end: F64
-    # Unit vectors (x, y) of the visible line into the hole at `start`, out of the hole
-    # at `end`.
-    first: F64
-    last: F64
-    # Visible length before `start` and after `end` that may be copied.
-    lengths: tuple[float, float]
-
-    @property
-    def has_rough_end(self) -> bool:
-        """Return whether one end is not straight."""
-        return min(self.lengths) < TUNING.copied_length
-
-    def scale_steps(self, steps: F64) -> CertainLine:
-        """Return the line in a photo with `steps` (x, y) px per px."""
-        first, last = self.first * steps, self.last * steps
-        return CertainLine(
-            (self.start + 0.5) * steps - 0.5,
-            (self.end + 0.5) * steps - 0.5,
-            first / np.hypot(*first),
-            last / np.hypot(*last),
-            self.lengths,
-        )
-
-
-def certain_lines(picture: F32, hole: Mask) -> list[CertainLine]:
-    """Return straight lines that are visible on both sides of `hole` (H, W)."""
-    surroundings = KnownSurroundings.measure(picture, dilate(hole, 1))
-    count, ids = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
-    lines = []
-    for number in range(1, count):
-        piece = ids == number
-        ends = [
-            end
-            for end in border_ends(surroundings, piece)
-            if end.contrast > TUNING.contrast
-        ]
-        lines += [
-            line
-            for line in _certain_pairs(ends, surroundings)
-            if _share_inside(line, piece) >= TUNING.inside
-        ]
-    return lines
-
-
-def _share_inside(line: CertainLine, piece: Mask) -> float:
-    """Return the share of a line in a `piece` (H, W) of the hole."""
-    x, y = np.round(line_points(line.start, line.end)).astype(int).T
-    return float(piece[y, x].mean())
-
-
-def _certain_pairs(
-    ends: Sequence[BorderEnd], known: KnownSurroundings
-) -> Iterator[CertainLine]:
-    """Yield the lines between pairs of ends, straightest first; no two lines cross."""
-    chords: list[tuple[int, int]] = []
-    # A rough end has no angle of its own: its pairs come after those of straight ends.
-    pairs = sorted(
-        _straight_pairs(ends, known),
-        key=lambda pair: (pair[3].has_rough_end, *pair[:3]),
-    )
-    for _, i, j, line in pairs:
-        has_line = any({i, j} & {p, q} for p, q in chords)
-        if has_line or any((p < i < q) != (p < j < q) for p, q in chords):
-            continue
-        chords.append((min(i, j), max(i, j)))
-        yield line
-
-
-def _straight_pairs(
-    ends: Sequence[BorderEnd], known: KnownSurroundings
-) -> Iterator[tuple[float, int, int, CertainLine]]:
-    """Yield the turn of each nearly straight line, rad, its ends' numbers and the
-    line.
-    """
-    visible_ends = [_VisibleEnd.measure(end, known) for end in ends]
-    for i, a in enumerate(visible_ends):
-        for j, b in enumerate(visible_ends[:i]):
-            chord = b.end.place - a.end.place
-            if float(np.hypot(*chord)) < TUNING.shortest:
-                continue
-            line = _straight_line(a, b)
-            if line is not None:
-                turn = max(_angle(chord, line.first), _angle(chord, line.last))
-                yield turn, i, j, line
-
-
-@dataclass(frozen=True, eq=False)
-class _VisibleEnd:
-    """An end and the visible line that leads to it."""
-
-    end: BorderEnd
-    is_visible: bool
-    """Whether the visible line is long enough."""
-    direction: F64 | None
-    """Unit vector (x, y) into the hole; None of a line that is not straight."""
-
-    @staticmethod
-    def measure(end: BorderEnd, known: KnownSurroundings) -> _VisibleEnd:
-        """Follow the visible line from an end."""
-        points = follow_edge(
-            known.picture, known.blocked_mask, end.place, -end.direction
-        )
-        lengths = np.hypot(*(points - points[0]).T)
-        points = points[lengths <= TUNING.direction_length]
-        if lengths.max() < TUNING.visible:
-            return _VisibleEnd(end, is_visible=False, direction=None)
-        center = points.mean(axis=0)
-        _, _, axes = np.linalg.svd(points - center)
-        direction: F64 = axes[0]
-        distances = np.abs((points - center) @ axes[1])
-        if distances.max() > TUNING.largest_bend:
-            return _VisibleEnd(end, is_visible=True, direction=None)
-        if direction @ end.direction <= 0:
-            direction = -direction
-        return _VisibleEnd(end, is_visible=True, direction=direction)
-
-
-def _straight_line(a: _VisibleEnd, b: _VisibleEnd) -> CertainLine | None:
-    """Return the straight line between two ends; None if the ends are not of one line."""
-    if not (a.is_visible and b.is_visible):
-        return None
-    start, end = a.end.place, b.end.place
-    chord = end - start
-    straight_length = float(TUNING.copied_length)
-    rough_length = TUNING.rough_length
-    if a.direction is not None and b.direction is not None:
-        turn = max(_angle(chord, a.direction), _angle(chord, -b.direction))
-        if turn <= TUNING.turn and _similar(a.end, b.end, TUNING.differ):
-            lengths = straight_length, straight_length
-            return CertainLine(start, end, a.direction, -b.direction, lengths)
-        return None
-    # One straight end determines the line if the colours on both sides agree closely.
-    unit_chord = chord / np.hypot(*chord)
-    if a.direction is not None and _is_continuation(a.direction, b.end, a.end, chord):
-        lengths = straight_length, rough_length
-        return CertainLine(start, end, a.direction, unit_chord, lengths)
-    if b.direction is not None and _is_continuation(b.direction, a.end, b.end, -chord):
-        lengths = rough_length, straight_length
-        return CertainLine(start, end, unit_chord, -b.direction, lengths)
-    return None
-
-
-def _is_continuation(
-    direction: F64, rough_end: BorderEnd, straight_end: BorderEnd, chord: F64
-) -> bool:
-    """Return whether a rough end is the other end of a straight one.
-
-    `direction` and `chord` point from the straight end to the rough one.
-    """
-    return (
-        rough_end.contrast > TUNING.rough_contrast
-        and _angle(chord, direction) <= TUNING.turn
-        and _angle(-chord, rough_end.direction) <= TUNING.rough_turn
-        and _similar(straight_end, rough_end, TUNING.rough_differ)
-    )
-
-
-def _similar(a: BorderEnd, b: BorderEnd, limits: tuple[float, float]) -> bool:
-    """Return whether two ends show the same surfaces on both sides.
-
-    `limits`: largest differences on the more similar side and on the other, over the
-    mean contrast.
-    """
-    contrast = (a.contrast + b.contrast) / 2
-    least_difference, largest_difference = colour_differences(a, b)
-    if least_difference > limits[0] * contrast:
-        return False
-    return largest_difference <= limits[1] * contrast
-
-
-def _angle(a: F64, b: F64) -> float:
-    """Return the angle between two vectors, rad."""
-    return float(abs(np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)))
 
 
 def paint_lines(
@@ -530,16 +315,24 @@ def _straighten(photo: F32, hole: Mask, line: CertainLine, scale: float) -> _Str
     # Single visible pixels at a ragged border do not divide the hole.
     column = np.ones((LEAST_RUN, 1), np.uint8)
     known_mask = np.asarray(cv2.morphologyEx(visible, cv2.MORPH_OPEN, column) > 0)
-    copied_rows = round(line.lengths[0] * scale), round(line.lengths[1] * scale)
     return _Strip(
         np.asarray(colours, np.float32),
         known_mask,
         center,
         normal,
         outside,
-        copied_rows,
+        _copied_rows(line, scale),
         scale,
     )
+
+
+def _copied_rows(line: CertainLine, scale: float) -> tuple[int, int]:
+    """Return the rows before the start and after the end of a line that are copied."""
+    rows = [round(TUNING.copied_length * scale)] * 2
+    for k, is_rough in enumerate(line.rough_ends):
+        if is_rough:
+            rows[k] = round(TUNING.rough_length * scale)
+    return rows[0], rows[1]
 
 
 def _center_line(line: CertainLine, outside: int) -> F64:
@@ -637,7 +430,7 @@ def _measure_ground_colours(strip: _Strip, half_line: int) -> tuple[F32, F32] | 
         if not len(ground):
             return None
         means.append(np.asarray(ground.mean(axis=0), np.float32))
-    if float(np.linalg.norm(means[0] - means[1])) < TUNING.contrast:
+    if float(np.linalg.norm(means[0] - means[1])) < LINES.contrast:
         return None
     return means[0], means[1]
 
