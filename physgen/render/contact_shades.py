@@ -47,13 +47,13 @@ def _with_contact_shade(
     cast: CastShadow, foot_halo: FootHalo | None, background: LitBackground
 ) -> CastShadow:
     """Return a cast with its contact shade."""
-    assert cast.picture is not None
-    box, shade = cast.picture
+    assert cast.moving_picture is not None
+    box, shade = cast.moving_picture
     colours = shade[..., None] * background.tint
     measured_mask = np.zeros(shade.shape, np.bool_)
     if foot_halo is not None and foot_halo.darkness is not None:
         box, colours, measured_mask = _measured_shade(
-            cast.picture, foot_halo, background
+            cast.moving_picture, foot_halo, background
         )
     parts = split_contact_shade(cast.start, box, colours, measured_mask)
     if parts is None:

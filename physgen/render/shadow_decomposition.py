@@ -143,7 +143,18 @@ class CastShadow:
     """Part of `picture` at the base of an object that may rock on its floor; None for
     other objects."""
     beyond_contact: tuple[PixelBox, F32] | None = None
-    """Part of `picture` beyond `contact`."""
+    """Part of `moving_picture` beyond `contact`."""
+    beyond_photo: tuple[PixelBox, F32] | None = None
+    """The whole shadow at t = 0 with its part beyond the photo's border; None without
+    such a part."""
+
+    @property
+    def moving_picture(self) -> tuple[PixelBox, F32] | None:
+        """Return the whole shadow at t = 0, which may reach beyond the photo.
+
+        A shadow that moves into the picture has no edge at the old border of the photo.
+        """
+        return self.beyond_photo or self.picture
 
     def base_motion(
         self, silhouette: Silhouette, start: Pose, pose: Pose
@@ -333,11 +344,12 @@ class LitBackground:
         # predicted one, together with the unexplained part of the photo's.
         strength, shift = self._valid_residual(cast, silhouette, turn)
         share = np.float32(0)
-        if cast.picture is not None:
+        moving_picture = cast.moving_picture
+        if moving_picture is not None:
             share = _photo_share(cast, start, pose)
         shadows = []
-        if share > 0 and cast.picture is not None:
-            (x0, y0, _, _), picture = cast.picture
+        if share > 0 and moving_picture is not None:
+            (x0, y0, _, _), picture = moving_picture
             box, moved_picture = shifted_picture(
                 picture, (x0, y0), shift, self.setting.size
             )
@@ -889,14 +901,25 @@ def _cast(
     is_sliding = setting.top and is_round and first is not None
     geometry = unbounded_shadow(start, setting, step) if is_sliding else first
     parts = [residual] if geometry is None else [geometry, residual]
-    (x, y, *_), whole_picture = crop_to_visible(*joined_pictures(parts))
+    whole_box, whole_picture = crop_to_visible(*joined_pictures(parts))
+    x, y = whole_box[:2]
     box, visible = shifted_picture(whole_picture, (x, y), (0.0, 0.0), setting.size)
     visible_shadow = None if box is None else (box, visible)
     # An object far outside the photo has no visible shadow.
     sliding = ((x, y), whole_picture) if is_sliding and whole_picture.size else None
     share_beyond = _share_beyond_floor(start, residual, setting)
+    beyond_photo = None
+    if visible_shadow is not None and visible.shape != whole_picture.shape:
+        beyond_photo = whole_box, whole_picture
     return CastShadow(
-        start, step, visible_shadow, residual, sliding, is_round, share_beyond
+        start,
+        step,
+        visible_shadow,
+        residual,
+        sliding,
+        is_round,
+        share_beyond,
+        beyond_photo=beyond_photo,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -9,12 +10,15 @@ import numpy as np
 import pytest
 
 from physgen.compile.world import Body
+from physgen.geometry.polygon import Pose
 from physgen.geometry.shadows import ShadowSetting, Silhouette
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball_parts import is_lump
+from physgen.render.contact_shades import add_contact_shades
 from physgen.render.shadow_decomposition import (
     BEYOND,
     EDGE,
+    LitBackground,
     _claimed_darkness,
     _Difference,
     _share_beyond_floor,
@@ -86,6 +90,37 @@ def test_neighbours_leave_no_shade_that_the_photo_lacks() -> None:
     is_open = coverage[75:] == 0
     difference = np.abs(lit.photo_background() - decode(ground))[75:]
     assert difference[is_open].max() < 0.02
+
+
+def _shaded_block() -> tuple[LitBackground, Silhouette]:
+    """Return a shaded floor beside the left border, and a block on it that may rock."""
+    light = DistantLight((0.0, -0.6, 0.8), 0.06, 1.14)
+    setting = ShadowSetting(light, 40.0, False, 0.8, np.inf, (2 * SIDE, SIDE))
+    figure = np.ones((40, 40), np.float32)
+    coverage = np.zeros((SIDE, 2 * SIDE), np.float32)
+    coverage[30:70, 12:52] = figure
+    start = Silhouette(figure, (12, 30), (31.5, 49.5), None, 40.0, 69.5)
+    clean = np.full((SIDE, 2 * SIDE, 3), 150, np.uint8)
+    shaded = clean.copy()
+    shaded[50:90, :60] = 110
+    lit, _ = decompose_shadows(shaded, clean, coverage, [start], [False], setting)
+    sprite = cast(Sprite, SimpleNamespace(foot_halo=None))
+    return add_contact_shades(lit, [sprite]), start
+
+
+def test_shade_of_a_rocking_object_has_no_edge_of_the_photo() -> None:
+    """The object moves in from the left border, and brings no upright line along."""
+    lit, start = _shaded_block()
+    shift = 24
+    figure = replace(start, corner=(12 + shift, 30), center=(31.5 + shift, 49.5))
+    pose, moved_pose = Pose(31.5, 49.5, 0.0), Pose(31.5 + shift, 49.5, 0.06)
+    darkness = np.zeros((SIDE, 2 * SIDE), np.float32)
+    for (x0, y0, x1, y1), part in lit.move_shadow(0, figure, pose, moved_pose):
+        darkness[y0:y1, x0:x1] += part
+    row = darkness[52]
+    assert row.max() > 0.1
+    steps = np.abs(np.diff(row[shift - 8 : shift + 8]))
+    assert steps.max() < 0.25 * row.max()
 
 
 def _sprite(mask) -> Sprite:
