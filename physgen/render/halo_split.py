@@ -14,6 +14,7 @@ from physgen.arrays import F32, F64, Mask
 from physgen.geometry.shadows import Silhouette, floor_contact
 from physgen.render.foot_halos import FOOT_HALO, FootHalo, Slices
 from physgen.render.sprites import Sprite
+from physgen.render.standing_shade import continue_into
 
 TINY = 1e-9
 """Smallest divisor."""
@@ -99,11 +100,38 @@ def _add_moving_halos(
         removed_light = background[part.box] * (1 - np.exp(-whole_shade)) * share
         corner, whole_halo, neighbours = sprite_halo
         rest = whole_halo.copy()
-        rest[part.window] += np.asarray(removed_light - part.light, np.float32)
+        is_below = (sprites[k].halo_reach[part.window] == 0)[..., None]
+        added_light = np.where(is_below, 0, part.light)
+        rest[part.window] += np.asarray(removed_light - added_light, np.float32)
         result[k] = replace(
-            sprites[k], halo=(corner, rest, neighbours), foot_halo=foot_halo
+            _without_light_behind(sprites[k], part),
+            halo=(corner, rest, neighbours),
+            foot_halo=foot_halo,
         )
     return result
+
+
+def _without_light_behind(sprite: Sprite, part: _Moving) -> Sprite:
+    """Return a sprite whose soft border does not contain the light that moves behind
+    it: frame 0 is the photo.
+    """
+    if sprite.rest is None:
+        return sprite
+    rows, columns = part.box
+    left, top = sprite.corner
+    height, width = sprite.coverage.shape
+    # The common pixels of both boxes, in the photo.
+    y0, y1 = max(rows.start, top), min(rows.stop, top + height)
+    x0, x1 = max(columns.start, left), min(columns.stop, left + width)
+    if y0 >= y1 or x0 >= x1:
+        return sprite
+    own = np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
+    light = part.light[y0 - rows.start : y1 - rows.start]
+    light = light[:, x0 - columns.start : x1 - columns.start]
+    coverage = sprite.coverage[own][..., None]
+    rest = sprite.rest.copy()
+    rest[own] -= np.where(coverage > 0, (1 - coverage) * light, 0)
+    return replace(sprite, rest=rest)
 
 
 @dataclass(frozen=True)
@@ -173,8 +201,21 @@ def _moving_part(
     blur = _GroundBlur(sprite.halo_reach[window], sigma)
     if is_mirror:
         light = _carried_light(halo[window], near[window], blur)
-        return replace(moving, light=light * moving.weight[..., None])
+        light = light * moving.weight[..., None]
+        distance = sprite.halo_reach[window]
+        return replace(moving, light=_continue_below_base(light, distance))
     return _with_shade(moving, halo[window], ground, blur)
+
+
+def _continue_below_base(light: F32, distance: F32) -> F32:
+    """Return light (h, w, 3) that continues below an object, at `distance` 0 (h, w).
+
+    A base that is lifted uncovers floor: a mirror image must not end there at the old
+    outline. The thin contact shadow beside the outline does not continue.
+    """
+    is_below = distance == 0
+    continued_light = continue_into(light, distance < FOOT_HALO.ramp)
+    return np.asarray(np.where(is_below[..., None], continued_light, light), np.float32)
 
 
 def _with_shade(

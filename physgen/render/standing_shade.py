@@ -294,7 +294,7 @@ def split_contact_shade(
     # of the surroundings into it.
     cover = _covered_pixels(start, box)
     hole = _dilated(cover, STANDING.ring) & ~measured_mask | _dilated(cover, 1)
-    whole_shade = _continue_into(shade, hole)
+    whole_shade = continue_into(shade, hole)
     share = _contact_share(cover, points, box[1], side)
     if share is None:
         return None
@@ -319,7 +319,7 @@ def _cell_means(pixels: F32, step: int) -> F32:
     return np.asarray(means, np.float32)
 
 
-def _continue_into(shade: F32, hole: Mask) -> F32:
+def continue_into(shade: F32, hole: Mask) -> F32:
     """Return shade (h, w, 3) that continues smoothly into a hole (h, w)."""
     height, width = hole.shape
     step = max(min(STANDING.fill_step, height // 4, width // 4), 1)
