@@ -101,6 +101,10 @@ class SpriteTuning:
     """
     side_reach: float = 0.35
     """Reach of visible parts beside an object's shape, in roots of its mask's area."""
+    lumpy: float = 0.08
+    """Largest distance of a fruit's outline from its disc, in roots of the disc's area."""
+    crack: int = 2
+    """Largest width of a crack between two masks, px."""
     face: float = 0.35
     """Reach of a face above the shape that is visible only on one side, in the same
     unit.
@@ -804,16 +808,46 @@ def _find_hidden_part(
     mask = part == k + 1
     is_other = ((part > 0) & ~mask) | absent[y0:y1, x0:x1]
     cover = np.pad(shape_cover, ((top - y0, y1 - bottom), (left - x0, x1 - right)))
+    # Only parts of the shape below other objects are hidden, and cracks between their
+    # masks. A part of the shape over background is an error of the fit, and stays
+    # empty.
+    is_covered = is_other | _cracks(mask, is_other)
     # A mask that reaches beyond the fitted shape may go on beyond it behind its
     # neighbour.
-    continuation = is_other & _beyond_shape(mask, is_other, cover)
+    continuation = is_covered & _beyond_shape(mask, is_other, cover)
+    if isinstance(shape, Disc):
+        continuation |= is_covered & _rounded_shape(mask, cover)
     cover = np.maximum(cover, continuation.astype(np.float32))
-    # Only parts of the shape below other objects are hidden. A part of the shape over
-    # background is an error of the fit, and stays empty.
-    hole = (cover >= 0.5) & is_other
+    hole = (cover >= 0.5) & is_covered
     if not hole.any():
         return None
     return _HiddenPart((x0, y0, x1, y1), part, cover, hole, is_other)
+
+
+def _rounded_shape(mask: Mask, cover: F32) -> Mask:
+    """Return the pixels (h, w) near a disc's `cover` inside the hull of disc and mask.
+
+    A fruit is no exact ball: its hidden outline begins at the visible one, without a
+    step.
+    """
+    is_solid = cover >= 0.5
+    hull = np.zeros(mask.shape, np.uint8)
+    corners = cv2.convexHull(np.argwhere(mask | is_solid)[:, ::-1].astype(np.int32))
+    cv2.fillConvexPoly(hull, corners, 1)
+    reach = CUT.lumpy * np.count_nonzero(is_solid) ** 0.5
+    distance = cv2.distanceTransform((~is_solid).astype(np.uint8), cv2.DIST_L2, 5)
+    return (hull > 0) & (distance <= reach)
+
+
+def _cracks(mask: Mask, is_other: Mask) -> Mask:
+    """Return the pixels (h, w) of neither mask in cracks between an object and others."""
+    square = np.ones((2 * CUT.crack + 1, 2 * CUT.crack + 1), np.uint8)
+    masks = (mask | is_other).astype(np.uint8)
+    closed = cv2.morphologyEx(
+        masks, cv2.MORPH_CLOSE, square, borderType=cv2.BORDER_REPLICATE
+    )
+    is_between = dilate(mask, CUT.crack + 1) & dilate(is_other, CUT.crack + 1)
+    return (closed > masks) & is_between
 
 
 def _beyond_shape(mask: Mask, is_other: Mask, cover: F32) -> Mask:

@@ -87,10 +87,46 @@ def test_both_parts_are_the_whole_halo(is_mirror: bool) -> None:
     foot_halo = foot_halo_of(sprite)
     shade, light = on_photo(foot_halo)
     total = GROUND * np.exp(-shade) + light + sprite.halo[1]
-    assert total == pytest.approx(GROUND + whole.halo[1], abs=1e-6)
+    is_visible = np.ones(total.shape[:2], np.bool_)
+    is_visible[40:FOOT, 70:110] = False
+    assert total[is_visible] == pytest.approx(
+        (GROUND + whole.halo[1])[is_visible], abs=1e-6
+    )
     # What is above the object stays.
     assert not light[:60].any()
     assert not shade[:60].any()
+
+
+def test_a_mirror_image_continues_below_a_base() -> None:
+    """A base that is lifted would else uncover a strip of bright ground."""
+    light = on_photo(foot_halo_of(standing(-0.2, is_mirror=True)[1]))[1]
+    strip = light[FOOT - 6 : FOOT, 85:95]
+    assert -0.2 <= strip.min() <= strip.max() < -0.12
+    steps = np.diff(light[FOOT - 6 : FOOT + 2, 90, 0])
+    assert np.abs(steps).max() < 0.03
+
+
+def test_a_continued_mirror_image_keeps_soft_borders_as_in_the_photo() -> None:
+    coverage = np.zeros((60 + 2 * MARGIN, 40 + 2 * MARGIN), np.float32)
+    coverage[MARGIN:-MARGIN, MARGIN:-MARGIN] = 1
+    coverage[-MARGIN - 1, MARGIN:-MARGIN] = 0.4
+    corner = (70 - MARGIN, 40 - MARGIN)
+    halo = np.zeros((SIZE[1], SIZE[0], 3), np.float32)
+    halo[FOOT : FOOT + 12, 70:110] = -0.2
+    near = np.zeros(halo.shape[:2], np.int32)
+    picture = 0.5 * coverage[..., None].repeat(3, axis=2)
+    rest = np.zeros_like(picture)
+    sprite = Sprite(0, corner, picture, coverage, rest, halo=((0, 0), halo, near))
+    start = Silhouette(
+        coverage, corner, (90.0, 70.0), None, 40.0, FOOT - 0.5, ends=(0.0, 150.0)
+    )
+    split = split_halos([sprite], [start], 0.1, GROUND, is_mirror=True)[0]
+    light = on_photo(foot_halo_of(split))[1][FOOT - 1, 85:95]
+    assert light.max() < -0.1
+    assert split.rest is not None
+    columns = slice(85 - corner[0], 95 - corner[0])
+    own_rest = split.rest[-MARGIN - 1, columns]
+    assert 0.6 * light + own_rest == pytest.approx(np.zeros_like(light), abs=1e-6)
 
 
 def drawn(foot_halo: FootHalo, pose: Pose) -> np.ndarray:

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.geometry.polygon import Region, Ring
+from physgen.geometry.polygon import Disc, Region, Ring
 from physgen.maps import Percepts, write_assets
 from physgen.photometry import decode, encode_u8
-from physgen.render.sprites import cut_sprites
+from physgen.render.sprites import Sprite, cut_sprites
 from physgen.simulate.engine import simulate
 
 SCENE = """\
@@ -202,3 +202,46 @@ def test_of_two_that_hide_parts_of_each_other_the_larger_is_completed(
         whole[h + y : 2 * h + y, w + x : 2 * w + x] = sprite.coverage
         off = (whole[h : h + 120, w : w + 160] > 0.5) != truth
         assert cv2.erode(off.astype(np.uint8), np.ones((3, 3), np.uint8)).sum() == 0
+
+
+def test_a_crack_between_two_masks_belongs_to_the_one_behind() -> None:
+    """Masks of a network leave single pixels between neighbours to no object."""
+    ground, _, both, labels = pictures("ball", 104)
+    edge = 104 - 20
+    labels[55:58, edge] = 0
+    back = cut_back(labels, both, ground, radius=30.0)
+    crack = back.coverage[
+        55 - back.corner[1] : 58 - back.corner[1], edge - back.corner[0]
+    ]
+    assert crack.min() > 0.95
+
+
+def test_a_fruit_continues_from_its_visible_outline_without_a_step() -> None:
+    """Its disc is smaller than its mask: a fruit is no exact ball."""
+    ground, _, both, labels = pictures("ball", 104)
+    back = cut_back(labels, both, ground, radius=28.0)
+    row = back.coverage[:, 86 - back.corner[0]]
+    hidden_rows = np.flatnonzero(row > 0.5) + back.corner[1]
+    # The circle of radius 30 is at rows 31 and 89 there, that of radius 28 at 33 and 87.
+    assert hidden_rows[0] <= 32
+    assert hidden_rows[-1] >= 88
+
+
+def cut_back(
+    labels: np.ndarray, light: np.ndarray, ground: np.ndarray, radius: float
+) -> Sprite:
+    """Return the sprite of a ball of a `radius`, px, behind a box."""
+    box = Region((Ring(np.float64([[84, 15], [124, 15], [124, 105], [84, 105]])),))
+    shapes = [Disc(np.float64([80, 60]), radius), box]
+    coverage = (light.mean(axis=2) != ground.mean(axis=2)).astype(np.float32)
+    absent = np.zeros(labels.shape, np.bool_)
+    sprites = cut_sprites(
+        encode_u8(light),
+        labels,
+        absent,
+        coverage,
+        encode_u8(ground),
+        {0: 0, 1: 1},
+        shapes,
+    )
+    return sprites[0]
