@@ -103,8 +103,12 @@ class SpriteTuning:
     """Reach of visible parts beside an object's shape, in roots of its mask's area."""
     lumpy: float = 0.08
     """Largest distance of a fruit's outline from its disc, in roots of the disc's area."""
+    step: float = 2.0
+    """Least distance of a mask's pixels from the disc of a fruit, px."""
     crack: int = 2
     """Largest width of a crack between two masks, px."""
+    crack_coverage: float = 0.8
+    """Least coverage in such a crack; ground is visible in a real gap."""
     face: float = 0.35
     """Reach of a face above the shape that is visible only on one side, in the same
     unit.
@@ -537,7 +541,7 @@ def cut_sprites(
     for k, shape in enumerate(shapes):
         if k + 1 not in boxes:
             continue
-        part = _find_hidden_part(labels, absent, k, shape, boxes[k + 1])
+        part = _find_hidden_part(labels, absent, coverage, k, shape, boxes[k + 1])
         if part is not None:
             hidden_parts[k] = part
             boxes[k + 1] = part.box
@@ -785,7 +789,7 @@ def _top_rows(mask: Mask, shape_top: float) -> range:
 
 
 def _find_hidden_part(
-    labels: U16, absent: Mask, k: int, shape: Outline, box: PixelBox
+    labels: U16, absent: Mask, coverage: F32, k: int, shape: Outline, box: PixelBox
 ) -> _HiddenPart | None:
     """Return the part of body k's shape behind other objects; None without such a part.
 
@@ -811,7 +815,8 @@ def _find_hidden_part(
     # Only parts of the shape below other objects are hidden, and cracks between their
     # masks. A part of the shape over background is an error of the fit, and stays
     # empty.
-    is_covered = is_other | _cracks(mask, is_other)
+    is_full = coverage[y0:y1, x0:x1] >= CUT.crack_coverage
+    is_covered = is_other | is_full & _cracks(mask, is_other)
     # A mask that reaches beyond the fitted shape may go on beyond it behind its
     # neighbour.
     continuation = is_covered & _beyond_shape(mask, is_other, cover)
@@ -831,11 +836,13 @@ def _rounded_shape(mask: Mask, cover: F32) -> Mask:
     step.
     """
     is_solid = cover >= 0.5
+    distance = cv2.distanceTransform((~is_solid).astype(np.uint8), cv2.DIST_L2, 5)
+    if distance[mask].max(initial=0.0) < CUT.step:
+        return np.zeros_like(mask)
     hull = np.zeros(mask.shape, np.uint8)
     corners = cv2.convexHull(np.argwhere(mask | is_solid)[:, ::-1].astype(np.int32))
     cv2.fillConvexPoly(hull, corners, 1)
     reach = CUT.lumpy * np.count_nonzero(is_solid) ** 0.5
-    distance = cv2.distanceTransform((~is_solid).astype(np.uint8), cv2.DIST_L2, 5)
     return (hull > 0) & (distance <= reach)
 
 
