@@ -100,9 +100,7 @@ def _add_moving_halos(
         removed_light = background[part.box] * (1 - np.exp(-whole_shade)) * share
         corner, whole_halo, neighbours = sprite_halo
         rest = whole_halo.copy()
-        is_below = (sprites[k].halo_reach[part.window] == 0)[..., None]
-        added_light = np.where(is_below, 0, part.light)
-        rest[part.window] += np.asarray(removed_light - added_light, np.float32)
+        rest[part.window] += removed_light - part.visible_light(sprites[k])
         result[k] = replace(
             _without_light_behind(sprites[k], part),
             halo=(corner, rest, neighbours),
@@ -117,21 +115,25 @@ def _without_light_behind(sprite: Sprite, part: _Moving) -> Sprite:
     """
     if sprite.rest is None:
         return sprite
-    rows, columns = part.box
-    left, top = sprite.corner
-    height, width = sprite.coverage.shape
-    # The common pixels of both boxes, in the photo.
-    y0, y1 = max(rows.start, top), min(rows.stop, top + height)
-    x0, x1 = max(columns.start, left), min(columns.stop, left + width)
-    if y0 >= y1 or x0 >= x1:
-        return sprite
-    own = np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
-    light = part.light[y0 - rows.start : y1 - rows.start]
-    light = light[:, x0 - columns.start : x1 - columns.start]
-    coverage = sprite.coverage[own][..., None]
+    sprite_box, light_box = _common_slices(
+        _box_at(sprite.corner, sprite.coverage), part.box
+    )
+    coverage = sprite.coverage[sprite_box][..., None]
+    visible_light = (1 - coverage) * part.light[light_box]
     rest = sprite.rest.copy()
-    rest[own] -= np.where(coverage > 0, (1 - coverage) * light, 0)
+    rest[sprite_box] -= np.where(coverage > 0, visible_light, 0)
     return replace(sprite, rest=rest)
+
+
+def _common_slices(box: Slices, other_box: Slices) -> tuple[Slices, Slices]:
+    """Return the common pixels of two boxes of the photo, in each of them."""
+    box_slices, other_slices = [], []
+    for span, other_span in zip(box, other_box, strict=True):
+        start = max(span.start, other_span.start)
+        stop = max(min(span.stop, other_span.stop), start)
+        box_slices.append(slice(start - span.start, stop - span.start))
+        other_slices.append(slice(start - other_span.start, stop - other_span.start))
+    return (box_slices[0], box_slices[1]), (other_slices[0], other_slices[1])
 
 
 @dataclass(frozen=True)
@@ -158,6 +160,11 @@ class _Moving:
     def box(self) -> Slices:
         """Return the rows and columns of the photo."""
         return _box_at(self.corner, self.weight)
+
+    def visible_light(self, sprite: Sprite) -> F32:
+        """Return the added light (h, w, 3) beside the object in the photo."""
+        distance = sprite.halo_reach[self.window][..., None]
+        return np.asarray(np.where(distance > 0, self.light, 0), np.float32)
 
 
 def _box_at(corner: tuple[int, int], picture: F32) -> Slices:
@@ -213,9 +220,9 @@ def _continue_below_base(light: F32, distance: F32) -> F32:
     A base that is lifted uncovers floor: a mirror image must not end there at the old
     outline. The thin contact shadow beside the outline does not continue.
     """
-    is_below = distance == 0
     continued_light = continue_into(light, distance < FOOT_HALO.ramp)
-    return np.asarray(np.where(is_below[..., None], continued_light, light), np.float32)
+    result = np.where((distance == 0)[..., None], continued_light, light)
+    return np.asarray(result, np.float32)
 
 
 def _with_shade(

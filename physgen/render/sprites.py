@@ -802,28 +802,24 @@ def _find_hidden_part(
         return None
     # The box must hold the visible mask and the fitted shape, and may go beyond the
     # former.
-    right = left + shape_cover.shape[1]
-    bottom = top + shape_cover.shape[0]
-    x0 = min(box[0], left)
-    y0 = min(box[1], top)
-    x1 = max(box[2], right)
-    y1 = max(box[3], bottom)
+    height, width = shape_cover.shape
+    x0, y0 = np.minimum(box[:2], (left, top)).tolist()
+    x1, y1 = np.maximum(box[2:], (left + width, top + height)).tolist()
     part = labels[y0:y1, x0:x1]
     mask = part == k + 1
     is_other = ((part > 0) & ~mask) | absent[y0:y1, x0:x1]
-    cover = np.pad(shape_cover, ((top - y0, y1 - bottom), (left - x0, x1 - right)))
+    cover = np.zeros(part.shape, np.float32)
+    cover[top - y0 : top - y0 + height, left - x0 : left - x0 + width] = shape_cover
     # Only parts of the shape below other objects are hidden, and cracks between their
     # masks. A part of the shape over background is an error of the fit, and stays
     # empty.
-    is_full = coverage[y0:y1, x0:x1] >= CUT.crack_coverage
-    is_covered = is_other | is_full & _cracks(mask, is_other)
+    behind = is_other | _cracks(mask, is_other, coverage[y0:y1, x0:x1])
     # A mask that reaches beyond the fitted shape may go on beyond it behind its
     # neighbour.
-    continuation = is_covered & _beyond_shape(mask, is_other, cover)
+    cover[behind & _beyond_shape(mask, is_other, cover)] = 1
     if isinstance(shape, Disc):
-        continuation |= is_covered & _rounded_shape(mask, cover)
-    cover = np.maximum(cover, continuation.astype(np.float32))
-    hole = (cover >= 0.5) & is_covered
+        cover[behind & _rounded_shape(mask, cover)] = 1
+    hole = (cover >= 0.5) & behind
     if not hole.any():
         return None
     return _HiddenPart((x0, y0, x1, y1), part, cover, hole, is_other)
@@ -846,15 +842,19 @@ def _rounded_shape(mask: Mask, cover: F32) -> Mask:
     return (hull > 0) & (distance <= reach)
 
 
-def _cracks(mask: Mask, is_other: Mask) -> Mask:
-    """Return the pixels (h, w) of neither mask in cracks between an object and others."""
+def _cracks(mask: Mask, is_other: Mask, coverage: F32) -> Mask:
+    """Return the pixels (h, w) of neither mask in cracks between an object and others.
+
+    `coverage` (h, w) of all objects.
+    """
     square = np.ones((2 * CUT.crack + 1, 2 * CUT.crack + 1), np.uint8)
     masks = (mask | is_other).astype(np.uint8)
-    closed = cv2.morphologyEx(
+    closed_masks = cv2.morphologyEx(
         masks, cv2.MORPH_CLOSE, square, borderType=cv2.BORDER_REPLICATE
     )
-    is_between = dilate(mask, CUT.crack + 1) & dilate(is_other, CUT.crack + 1)
-    return (closed > masks) & is_between
+    neighbourhood = dilate(mask, CUT.crack + 1) & dilate(is_other, CUT.crack + 1)
+    is_full = coverage >= CUT.crack_coverage
+    return (closed_masks > masks) & neighbourhood & is_full
 
 
 def _beyond_shape(mask: Mask, is_other: Mask, cover: F32) -> Mask:
