@@ -119,7 +119,8 @@ def place_wheels(
             new_disc = stand_on_lines(disc, lines)
             assert isinstance(new_disc, Disc)
             disc = new_disc
-        wheels.append(Wheel((disc.center - middle) @ turn.T, disc.radius))
+        axle = (disc.center - middle) @ turn.T
+        wheels.append(Wheel(axle, disc.radius, wheel.turns))
     return tuple(wheels)
 
 

@@ -84,6 +84,8 @@ class Wheel:
     """(2,) px in the body's frame."""
     radius: float
     """px."""
+    turns: bool = True
+    """Whether the wheel is drawn turning."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from math import radians, sin, sqrt
+from math import hypot, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -23,7 +23,7 @@ from physgen.compile.shapes import shapes_of
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import Disc, Outline, bounds
 from physgen.geometry.scale import PhotoObject
-from physgen.materials import is_living
+from physgen.materials import is_living, kind
 from physgen.perceive.shape_entries import corners, shape_entry
 from physgen.perceive.summary import mask_confidence
 from physgen.perceive.support.flat_bases import add_base, needs_base
@@ -33,6 +33,7 @@ from physgen.pipeline.push_outcomes import TRIAL
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.pipeline.verdicts import part_owners
 from physgen.problems import InputError
+from physgen.scene.construction import EARTH
 from physgen.scene.scene import View
 
 if TYPE_CHECKING:
@@ -82,12 +83,15 @@ class ReleaseLimits:
     """... and largest gap below the foot, by the object's height."""
     carrier_share: float = 0.5
     """Least share of a foot's columns above the object that seems to carry it."""
+    road_slopes: tuple[float, float] = (0.02, 0.25)
+    """Slopes of a line below wheels: a smaller one is level, a larger one no road."""
     side_width: float = 0.5
     """Width, by that of the foot, of the places beside it where its carrier shows."""
 
 
 RELEASE = ReleaseLimits()
 FLOOR = "floor"
+FEWEST_WHEELS = 2
 MOVING, NEAR = "moving", "near"
 """Collision groups of what moves and of what it may meet."""
 
@@ -279,19 +283,61 @@ def _release_object(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     scene = open_trial(photo_scene).scene()
     names = [item.name for item in scene.objects]
     outlines = compile_shapes(scene, shapes_of(scene, None)).outlines
-    outline, ground = _level_outline(outlines[names.index(name)], photo_scene, name)
+    road = _find_road(photo_scene.document["objects"][name])
+    outline, ground = _level_outline(
+        outlines[names.index(name)], photo_scene, name, road
+    )
     photo_scene = _with_others_held(photo_scene, name, outline)
     released_scene = _with_guessed_floor(photo_scene, name, ground)
+    if road is not None:
+        return _with_road(released_scene, name, road)
     if is_oblique(photo_scene):
         named_outlines = dict(zip(names, outlines, strict=True))
         return _passing(released_scene, name, named_outlines)
     return released_scene
 
 
+def _find_road(entry: Mapping[str, Any]) -> Line | None:
+    """Return the line below the wheels of a vehicle; None if it is level or steep.
+
+    A road that runs into the picture is a line at an angle, on which the wheels stand.
+    """
+    points = []
+    for wheel in entry.get("wheels", ()):
+        x, y = wheel["center"]
+        points.append((x, y + wheel["radius"]))
+    if len(points) < FEWEST_WHEELS:
+        return None
+    (x0, y0), (x1, y1) = min(points), max(points)
+    slope = (y1 - y0) / max(x1 - x0, 1.0)
+    low, high = RELEASE.road_slopes
+    if not low <= abs(slope) <= high:
+        return None
+    return Line(slope, y0 - slope * x0)
+
+
+def _with_road(photo_scene: PerceivedScene, name: str, road: Line) -> PerceivedScene:
+    """Return the scene with a vehicle on a road at an angle in the picture.
+
+    The road is level in truth: gravity is across it, so that the vehicle stays. Wheels
+    seen at an angle are no circles, and are not drawn turning.
+    """
+    down = np.array([-road.slope, 1.0]) / hypot(1.0, road.slope)
+    gravity = [f"{EARTH * part:.3f} m/s²" for part in down.tolist()]
+    vehicle = dict(photo_scene.document["objects"][name])
+    vehicle["wheels"] = [wheel | {"turns": False} for wheel in vehicle["wheels"]]
+    document = dict(photo_scene.document)
+    document["world"] = document["world"] | {"gravity": gravity}
+    document["objects"] = document["objects"] | {name: vehicle}
+    comment = f"across the road on which {name} stands, which runs into the picture"
+    comments = {**photo_scene.comments, "world.gravity": comment}
+    return replace(photo_scene, document=document, comments=comments)
+
+
 def _with_guessed_floor(
-    photo_scene: PerceivedScene, name: str, ground: float
+    photo_scene: PerceivedScene, name: str, ground: Line
 ) -> PerceivedScene:
-    """Return the scene with a floor at a row `ground`, px, in place of its walls."""
+    """Return the scene with a floor along a line in place of its walls."""
     floor = _guessed_floor(photo_scene.percepts.labels.shape[1], ground)
     walls = photo_scene.document["boundaries"]
     # Other walls of the scene could block the guessed floor.
@@ -379,9 +425,9 @@ class _GroundPlace:
         return abs(self.low - other.low) < reach
 
 
-def _guessed_floor(width: int, height: float) -> dict[str, Any]:
-    """Return the entry of a level floor across a photo, and beyond both sides."""
-    ends = np.array([[-width, height], [2.0 * width, height]])
+def _guessed_floor(width: int, ground: Line) -> dict[str, Any]:
+    """Return the entry of a floor across a photo, and beyond both sides."""
+    ends = np.array([[x, ground.y_at(x)] for x in (-width, 2.0 * width)])
     return {
         "segment": corners(ends),
         "friction": RELEASE.friction,
@@ -402,6 +448,11 @@ def _with_others_held(
             item["velocity"] = [0, 0]
             item.pop("spin", None)
             item["shape"] = shape_entry(outline)
+            # A held object has no rolling resistance: what rolls would never stop.
+            if "wheels" in item:
+                item.setdefault("rolling", kind("wheel").material.rolling)
+            elif isinstance(outline, Disc):
+                item.setdefault("rolling", kind(item["label"]).material.rolling)
             comments.pop(f"objects.{other}.motion", None)
         else:
             item.pop("velocity", None)
@@ -415,19 +466,21 @@ def _with_others_held(
 
 
 def _level_outline(
-    outline: Outline, photo_scene: PerceivedScene, name: str
-) -> tuple[Outline, float]:
-    """Return an outline with a level base, and the height of the ground, px."""
+    outline: Outline, photo_scene: PerceivedScene, name: str, road: Line | None
+) -> tuple[Outline, Line]:
+    """Return an outline with a straight base on its ground, and the line of the ground.
+
+    The ground is a `road`, or level below the object.
+    """
     _, top, _, bottom = bounds(outline)
-    if isinstance(outline, Disc):
-        return outline, bottom
     # Scene files have two decimals: the ground must not be below the written outline.
-    ground = float(np.floor(bottom * 100) / 100)
-    line = Line(0.0, ground)
-    level_foot = straighten_foot(outline, line, RELEASE.rag * (bottom - top))
+    ground = road or Line(0.0, float(np.floor(bottom * 100) / 100))
+    if isinstance(outline, Disc):
+        return outline, ground
+    level_foot = straighten_foot(outline, ground, RELEASE.rag * (bottom - top))
     number = photo_scene.document["objects"][name]["mask"]
     foot = find_foot(PhotoObject(number, level_foot))
     outline_with_base = None
     if needs_base(foot):
-        outline_with_base = add_base(foot, line)
+        outline_with_base = add_base(foot, ground)
     return outline_with_base or level_foot, ground

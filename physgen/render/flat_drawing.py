@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.arrays import F32
-from physgen.compile.world import Body, Wheel, World
+from physgen.compile.world import Body, World
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
 from physgen.geometry.raster import coverage_box
 from physgen.maps import U8
@@ -68,7 +68,10 @@ def enlarged_world(
         return (points + 0.5) * scale - 0.5
 
     def enlarge_body(body: Body) -> Body:
-        wheels = [Wheel(w.axle * scale, w.radius * scale) for w in body.wheels]
+        wheels = [
+            replace(w, axle=w.axle * scale, radius=w.radius * scale)
+            for w in body.wheels
+        ]
         return replace(
             body,
             center=enlarge(body.center),

@@ -43,11 +43,15 @@ def add_drawn_wheels(sprite: Sprite, world: World, colour: F32) -> Sprite:
 
 
 def add_photo_wheels(sprite: Sprite, world: World) -> Sprite:
-    """Add the wheels of its body to a sprite, cut from the photo."""
+    """Add the wheels of its body that are drawn turning to a sprite, cut from the
+    photo.
+    """
     body = world.bodies[sprite.body]
     wheels = []
     pairs = zip(locate_axles(sprite, world), body.wheels, strict=True)
     for (number, axle), body_wheel in pairs:
+        if not body_wheel.turns:
+            continue
         radius = body_wheel.radius
         wheel = wheel_from_photo(sprite.light, sprite.coverage, number, axle, radius)
         if wheel is not None:

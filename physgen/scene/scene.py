@@ -186,6 +186,8 @@ class Wheel:
     """Position of its axle, px."""
     radius: float
     """px."""
+    turns: bool = True
+    """Whether the wheel is drawn turning."""
 
 
 class Facing(Enum):
