@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from physgen import registry
+from physgen.perceive.inpaint.edge_continuation import continue_edges
 
 SIZE = 160
 EDGE = 90
@@ -93,3 +95,24 @@ def test_the_edge_of_a_shadow_that_fades_does_not_go_on_through_the_hole() -> No
         truth.astype(np.uint8), np.hypot(x - 72, y - 107) < 24
     ).astype(float)
     assert abs(filled[114:128, 60:66].mean() - filled[114:128, 78:84].mean()) < 15
+
+
+def test_an_edge_that_enters_the_hole_for_one_pixel() -> None:
+    """Its line has one point, and no direction: the last of these drawings has one."""
+    rng = np.random.default_rng(1)
+    for _ in range(108):
+        picture, hole = draw_polygons(rng)
+    filled, _ = continue_edges(picture, hole)
+    assert np.isfinite(filled).all()
+
+
+def draw_polygons(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Return a picture (60, 60, 3) of polygons and the mask of a hole in it."""
+    picture = np.full((60, 60, 3), 60, np.float32)
+    for _ in range(rng.integers(2, 8)):
+        corners = rng.integers(0, 60, (rng.integers(3, 6), 2)).astype(np.int32)
+        cv2.fillPoly(picture, [corners], rng.integers(0, 255, 3).tolist())
+    hole = np.zeros((60, 60), np.uint8)
+    corners = rng.integers(8, 52, (rng.integers(3, 9), 2)).astype(np.int32)
+    cv2.fillPoly(hole, [corners], 1)
+    return picture, hole > 0

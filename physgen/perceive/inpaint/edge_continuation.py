@@ -91,6 +91,10 @@ class BorderLine:
     last: F64
 
 
+FEWEST_POINTS = 2
+"""Least number of points of a line with a direction."""
+
+
 def continue_edges(picture: F32, hole: Mask) -> tuple[F32, Mask]:
     """Return the picture with edges continued through `hole` (H, W), and their strips
     (H, W).
@@ -478,8 +482,11 @@ def _paint_strip(
 ) -> None:
     """Paint the colours across the ends of a line along it, within a piece of the hole.
 
-    `width` is the number of px on both sides of the line.
+    `width` is the number of px on both sides of the line. A line of one point has no
+    direction, and continues nothing.
     """
+    if len(line.points) < FEWEST_POINTS:
+        return
     x0, y0 = np.maximum(np.floor(line.points.min(0)).astype(int) - STRIP, 0)
     x1, y1 = np.ceil(line.points.max(0)).astype(int) + STRIP + 1
     y, x = np.nonzero(piece[y0:y1, x0:x1] & ~where[y0:y1, x0:x1])
