@@ -38,7 +38,8 @@ def add_drawn_wheels(sprite: Sprite, world: World, colour: F32) -> Sprite:
     for (number, axle), body_wheel in pairs:
         wheel = drawn_wheel(number, axle, body_wheel.radius, 0.5 * colour)
         wheel.draw(light, sprite.coverage, np.eye(2, 3), 0.0)
-        wheels.append(wheel)
+        if body_wheel.turns:
+            wheels.append(wheel)
     return replace(sprite, light=light, wheels=tuple(wheels))
 
 

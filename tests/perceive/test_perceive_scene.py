@@ -336,3 +336,13 @@ def test_a_found_mask_that_ends_just_before_the_border_is_cut(
     rgb[:4, 100:180] = (200, 90, 60)  # the object reaches the border, its mask does not
     items, _ = fit_objects(rgb, Detections(labels, source, {1: 0.9, 2: 0.9}, {}))
     assert [item.cut for item in items] == [held, False]
+
+
+def test_an_object_with_a_narrow_tip_near_the_border_is_whole() -> None:
+    rgb = np.full((400, 500, 3), 120, np.uint8)
+    rgb[:, ::2] = 60
+    labels = np.zeros((400, 500), np.uint16)
+    labels[60:260, 100:300] = 1
+    labels[4:60, 180:220] = 1
+    (item,), _ = fit_objects(rgb, Detections(labels, "learned", {1: 0.9}, {}))
+    assert not item.cut

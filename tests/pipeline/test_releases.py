@@ -12,6 +12,9 @@ import pytest
 from physgen.maps import Percepts
 from physgen.perceive.roles import PerceivedScene, Suitability
 from physgen.pipeline.releases import releases, stands_behind
+from physgen.pipeline.stages import compile
+from physgen.pipeline.trial_scenes import open_trial
+from physgen.simulate.engine import simulate
 
 HELD = {"motion": "static"}
 SURE = "masks 0.9"
@@ -125,3 +128,38 @@ def test_a_bowl_behind_a_plate_passes_it_on_its_own_ground() -> None:
     assert released["objects"]["bowl-1"]["collides_with"] == ["moving"]
     assert released["objects"]["plate-1"]["layer"] > 0
     assert released["boundaries"]["floor"]["collision_group"] == "moving"
+
+
+def test_a_vehicle_stays_and_rolls_to_a_stop_on_a_road_at_an_angle() -> None:
+    """Its wheels stand on a line that rises: the road runs into the picture."""
+    scene = scene_of({"bus-1": WHOLE})
+    slope = -0.1
+    wheels = [{"center": [x, 115 + slope * (x - 75)], "radius": 10} for x in (75, 125)]
+    scene.document["objects"]["bus-1"] |= {"label": "bus", "wheels": wheels}
+    _, released = next(iter(releases(scene, ())))
+    vehicle = released.document["objects"]["bus-1"]
+    assert [wheel["turns"] for wheel in vehicle["wheels"]] == [False, False]
+    assert rolled_distance(released, 0) < 1
+    # Rolling resistance stops it after v² / (2 c g); 0.1 m/s are 40 px/s here.
+    resistance = 9.8 * vehicle["rolling"]
+    expected_distance = 400 * 0.1**2 / (2 * resistance)
+    assert rolled_distance(released, 40) == pytest.approx(expected_distance, rel=0.2)
+
+
+def rolled_distance(scene: PerceivedScene, speed: float) -> float:
+    """Return the distance, px, at which `bus-1` has stopped from a speed, px/s."""
+    edit = f"objects.bus-1.velocity=[{speed}, 0]"
+    compiled = compile(open_trial(scene).scene([edit]), None)
+    poses = simulate(compiled.world, np.linspace(0, 4, 5)).poses
+    assert np.hypot(*(poses[-1, 0] - poses[-2, 0])[:2]) < 0.5
+    return float(np.hypot(*(poses[-1, 0] - poses[0, 0])[:2]))
+
+
+def test_a_released_ball_rolls_to_a_stop() -> None:
+    """A held ball has no rolling resistance; a released one has that of its label."""
+    scene = scene_of({"ball-1": WHOLE})
+    entry = scene.document["objects"]["ball-1"]
+    entry["shape"] = {"circle": {"center": [100, 90], "radius": 30}}
+    entry["label"] = "ball"
+    _, released = next(iter(releases(scene, ())))
+    assert released.document["objects"]["ball-1"]["rolling"] > 0

@@ -72,8 +72,9 @@ def test_the_body_over_a_wheel_stays(wheel):
     assert light[below][:, 0].max() < 0.2
 
 
-def test_a_drawn_car_turns_its_wheels(tmp_path: Path):
-    """Of a scene without a photo: the same car without wheels looks alike at rest."""
+@pytest.mark.parametrize("turns", [True, False])
+def test_a_drawn_car_turns_its_wheels(tmp_path: Path, turns: bool):
+    """Wheels with `turns: false` carry the car, and look as at rest."""
     text = """\
 physgen: 1
 size: [400, 200]
@@ -89,6 +90,8 @@ boundaries:
 render: {fps: 10, motion_blur: 0}
 """
     file = tmp_path / "scene.yaml"
+    if not turns:
+        text = text.replace("radius: 20}", "radius: 20, turns: false}")
     file.write_text(text)
     scene = load(file)
     compiled = compile_scene(scene, None)
@@ -98,5 +101,5 @@ render: {fps: 10, motion_blur: 0}
     shift = round(motion.poses[-1, 0, 0] - motion.poses[0, 0, 0])
     before = first.rgb[145:159, 80:100].astype(int)
     after = second.rgb[145:159, 80 + shift : 100 + shift].astype(int)
-    assert np.abs(before - after).max() > 40
+    assert bool(np.abs(before - after).max() > 40) is turns
     assert set(np.unique(second.ids)) == {0, 1}
