@@ -18,6 +18,7 @@ from physgen.materials import kind
 from physgen.perceive.segment.detector import box_overlap, detect_boxes
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.support.view_classifier import view_chances
+from physgen.perceive.wheels import may_drive
 from physgen.text import listed
 
 if TYPE_CHECKING:
@@ -53,6 +54,10 @@ class RefusalLimits:
     """Gap below which the hands of a large person may touch an object."""
     large: float = 0.05
     """Share of the photo's area above which a person is large."""
+    passenger: float = 0.3
+    """Height of a person, by that of a vehicle, below which the person sits inside or
+    stands far behind.
+    """
     tiny: float = 0.035
     """Longer side below which an object is too small to watch."""
 
@@ -101,7 +106,10 @@ def find_refusals(photo_scene: PerceivedScene) -> Refusals:
         box = object_box(photo_scene, item)
         if box is None:
             continue
-        person = photo.person_at(box)
+        least_height = 0.0
+        if may_drive(item.get("label", ""), None):
+            least_height = REFUSAL.passenger * (box[3] - box[1])
+        person = photo.person_at(box, least_height)
         reason = photo.reason(item, box)
         if reason:
             reasons[name] = reason
@@ -152,9 +160,14 @@ class _Photo:
             return "it is too small or too far away to be watched"
         return ""
 
-    def person_at(self, box: Array) -> Array | None:
-        """Find the box (4,) of a person who may touch the object of a box (4,)."""
+    def person_at(self, box: Array, least_height: float = 0.0) -> Array | None:
+        """Find the box (4,) of a person who may touch the object of a box (4,).
+
+        People below `least_height` px do not count.
+        """
         for person in self.people:
+            if person[3] - person[1] < least_height:
+                continue
             is_same = box_overlap(box[None], person[None])[0, 0] >= REFUSAL.same_iou
             # Indoors, a "person" with the object's own box is a figure or a doll.
             if is_same and self.unsuitable < REFUSAL.staged_chance:

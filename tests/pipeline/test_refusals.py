@@ -66,6 +66,21 @@ def test_an_object_in_hands_is_refused(
 
 
 @pytest.mark.parametrize(
+    ("person", "is_refused"),
+    [
+        ((40, 35, 48, 45), False),  # the driver behind the windscreen
+        ((32, 30, 60, 80), True),  # someone who stands before it
+    ],
+)
+def test_a_driver_does_not_hold_a_vehicle(
+    person: tuple[int, ...], is_refused: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    set_evidence(monkeypatch, 0.4, (person,))
+    found = find_refusals(scene_of("bus", (10, 20, 90, 80)))
+    assert ("cup-1" in found.objects) == is_refused
+
+
+@pytest.mark.parametrize(
     ("person", "side"), [((58, 40, 99, 95), "right"), ((1, 40, 42, 95), "left")]
 )
 def test_an_object_beside_someone_is_pushed_away(
