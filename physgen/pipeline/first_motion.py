@@ -363,9 +363,15 @@ def _release(
     moves.
     """
     best: tuple[PerceivedScene, Push] | None = None
+    rested_names = set()
     for name, released_scene in releases(perceived_scene, refusals.objects):
+        if name in rested_names:
+            continue
         # The guessed floor may not support the object.
         resting_scene = _at_rest(released_scene)
+        if "motion" in resting_scene.document["objects"][name]:
+            continue
+        rested_names.add(name)
         push = _chosen_push(
             resting_scene, [name], refusals.barred_sides, RELEASE.certainty
         )

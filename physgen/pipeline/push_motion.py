@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import cross
+from physgen.perceive.wheels import may_drive
 from physgen.pipeline.push_outcomes import (
     TRIAL,
     Array,
@@ -158,6 +159,15 @@ def tumbles(world: World, motion: Trajectory, name: str) -> bool:
         return False
     turns = motion.poses[:, index, 2] - motion.poses[0, index, 2]
     return bool(np.abs(turns).max() > radians(TRIAL.tumble))
+
+
+def overturns(trials: TrialScene, motion: Trajectory) -> bool:
+    """Check whether a vehicle turns over: in a photo of a street, that is no story."""
+    names = []
+    for item in trials.scene.objects:
+        if may_drive(item.label, None) and item.motion is Motion.DYNAMIC:
+            names.append(item.name)
+    return measure_turn(motion, names) > TRIAL.overturned
 
 
 def measure_turn(motion: Trajectory, names: Collection[str]) -> float:

@@ -150,6 +150,8 @@ class TrialLimits:
     """Factor for a push after which an object stands half beyond a visible edge."""
     tumble: float = 35.0
     """Rotation above which a low object tumbles instead of sliding, degrees."""
+    overturned: float = 15.0
+    """Rotation above which a vehicle turns over, degrees."""
     tumbling: float = 0.3
     """Factor for a push by which a low object tumbles."""
     rise: float = 0.25

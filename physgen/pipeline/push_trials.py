@@ -36,6 +36,7 @@ from physgen.pipeline.push_motion import (
     measure_travel,
     measure_turn,
     overhangs,
+    overturns,
     returns,
     rocks,
     throws,
@@ -615,7 +616,8 @@ def simulate_push(
     # A push without a visible motion needs no grades.
     farthest = float(travel.max(initial=0.0))
     speed = max(hypot(*velocity) for velocity in velocities.values())
-    if farthest < TRIAL.least_travel or explodes(trials, motion, speed):
+    is_absurd = explodes(trials, motion, speed) or overturns(trials, motion)
+    if farthest < TRIAL.least_travel or is_absurd:
         return replace(NO_MOTION, travel=farthest, work=work)
     # A grade orders outcomes of different kinds; a score orders outcomes of the same
     # grade.

@@ -55,8 +55,10 @@ class ReleaseLimits:
     """Least confidence that a released object counts with in the choice of a push."""
     max_trials: int = 3
     """Number of objects to try: each takes the time of a search."""
-    rag: float = 0.04
-    """Height of an object's levelled lower border, by the object's height."""
+    rags: tuple[float, ...] = (0.04, 0.12)
+    """Heights of an object's levelled lower border, by the object's height: the second
+    if the object does not rest with the first.
+    """
     part: float = 0.35
     """Share of an object's area up to which an unsure object beside it is a part."""
     part_confidence: float = 0.7
@@ -101,6 +103,7 @@ def releases(
 ) -> Iterator[tuple[str, PerceivedScene]]:
     """Yield scenes in which one object is released on a floor, the surest object first.
 
+    Each object comes twice: the second time, more of its lower border is level.
     Objects in `refused_names`, living objects and objects cut off by the photo's border
     are not released.
     """
@@ -115,7 +118,8 @@ def releases(
         # An object whose outline cannot be made level is skipped.
         with suppress(InputError):
             merged_scene = _with_parts(photo_scene, name)
-            yield name, _release_object(merged_scene, name)
+            for rag in RELEASE.rags:
+                yield name, _release_object(merged_scene, name, rag)
 
 
 def is_oblique(photo_scene: PerceivedScene) -> bool:
@@ -275,9 +279,12 @@ def _parts(photo_scene: PerceivedScene, name: str) -> list[str]:
     return parts
 
 
-def _release_object(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
+def _release_object(
+    photo_scene: PerceivedScene, name: str, rag: float
+) -> PerceivedScene:
     """Return the scene with one object free on a floor through its lowest point.
 
+    `rag`: height of the levelled lower border, by the object's height.
     Raises InputError if its level outline is not a valid shape.
     """
     scene = open_trial(photo_scene).scene()
@@ -285,7 +292,7 @@ def _release_object(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     outlines = compile_shapes(scene, shapes_of(scene, None)).outlines
     road = _find_road(photo_scene.document["objects"][name])
     outline, ground = _level_outline(
-        outlines[names.index(name)], photo_scene, name, road
+        outlines[names.index(name)], photo_scene, name, road, rag
     )
     photo_scene = _with_others_held(photo_scene, name, outline)
     released_scene = _with_guessed_floor(photo_scene, name, ground)
@@ -466,7 +473,11 @@ def _with_others_held(
 
 
 def _level_outline(
-    outline: Outline, photo_scene: PerceivedScene, name: str, road: Line | None
+    outline: Outline,
+    photo_scene: PerceivedScene,
+    name: str,
+    road: Line | None,
+    rag: float,
 ) -> tuple[Outline, Line]:
     """Return an outline with a straight base on its ground, and the line of the ground.
 
@@ -477,7 +488,7 @@ def _level_outline(
     ground = road or Line(0.0, float(np.floor(bottom * 100) / 100))
     if isinstance(outline, Disc):
         return outline, ground
-    level_foot = straighten_foot(outline, ground, RELEASE.rag * (bottom - top))
+    level_foot = straighten_foot(outline, ground, rag * (bottom - top))
     number = photo_scene.document["objects"][name]["mask"]
     foot = find_foot(PhotoObject(number, level_foot))
     outline_with_base = None

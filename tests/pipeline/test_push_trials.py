@@ -82,6 +82,19 @@ def test_a_vehicle_drives_forwards(tmp_path: Path, side: str) -> None:
     assert chosen.velocity[0] * (1 if side == "right" else -1) > 0
 
 
+@pytest.mark.parametrize(
+    ("label", "grade"), [("crate", Grade.STORY), ("bus", Grade.NOTHING)]
+)
+def test_a_vehicle_that_turns_over_is_no_story(
+    tmp_path: Path, label: str, grade: Grade
+) -> None:
+    """A tall crate falls over; a tall bus may only drive."""
+    trials = trials_of(tmp_path, box("thing", 200, 50, 110, f", label: {label}"))
+    outcome = simulate_push(trials, {"thing": (350.0, -50.0)}, spins={"thing": 250.0})
+    assert outcome.turn > 45 or label == "bus"
+    assert outcome.grade is grade
+
+
 def test_a_ball_that_never_rests_is_pushed_gently(tmp_path: Path) -> None:
     """Without rolling resistance it leaves the picture in the end."""
     ball = "  ball: {shape: {circle: {center: [200, 230], radius: 20}}}\n"

@@ -155,6 +155,21 @@ def rolled_distance(scene: PerceivedScene, speed: float) -> float:
     return float(np.hypot(*(poses[-1, 0] - poses[0, 0])[:2]))
 
 
+def test_a_sloping_base_is_level_at_the_second_try() -> None:
+    """A laptop seen from the side has a base that rises: on it, the laptop would fall."""
+    scene = scene_of({"box-1": WHOLE})
+    corners = [[60, 60], [140, 60], [140, 114], [60, 120]]
+    scene.document["objects"]["box-1"]["shape"] = {"polygon": corners}
+    widths = []
+    for _, released in releases(scene, ()):
+        (body,) = compile(open_trial(released).scene(), None).world.bodies
+        points = np.concatenate(body.rings) + body.center
+        foot = points[points[:, 1] > 119.5, 0]
+        widths.append(float(np.ptp(foot)))
+    assert widths[0] < 40
+    assert widths[1] > 75
+
+
 def test_a_released_ball_rolls_to_a_stop() -> None:
     """A held ball has no rolling resistance; a released one has that of its label."""
     scene = scene_of({"ball-1": WHOLE})
