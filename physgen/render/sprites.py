@@ -739,6 +739,15 @@ class _HiddenPart:
     others: Mask
     """Pixels of other objects, (h, w)."""
 
+    def uncover(self, body: int) -> None:
+        """Remove the pixels of `body`, which is farther, from the hidden ones.
+
+        Cracks beside it alone are not hidden either.
+        """
+        self.hole[self.labels == body + 1] = False
+        is_behind = dilate(self.hole & self.others, CUT.crack + 1)
+        self.hole[~self.others & ~is_behind] = False
+
 
 def _unshaded_top(
     photo: F32, mask: Mask, is_other: Mask, shape_top: float
@@ -922,7 +931,7 @@ def _hiding_last(
     # out.
     for k, front in sorted(areas, key=areas.__getitem__, reverse=True):
         if front in farther[k] or order[front] < order[k]:
-            hidden_parts[k].hole[hidden_parts[k].labels == front + 1] = False
+            hidden_parts[k].uncover(front)
             continue
         for other in order:
             if other == front or front in farther[other]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.geometry.polygon import Disc, Region, Ring
+from physgen.geometry.polygon import Disc, Outline, Region, Ring
 from physgen.maps import Percepts, write_assets
 from physgen.photometry import decode, encode_u8
 from physgen.render.sprites import Sprite, cut_sprites
@@ -227,21 +227,39 @@ def test_a_fruit_continues_from_its_visible_outline_without_a_step() -> None:
     assert hidden_rows[-1] >= 88
 
 
+def test_a_crack_is_no_part_of_the_ball_in_front() -> None:
+    ground, alone, _, _ = pictures("ball", 104)
+    rows, columns = np.mgrid[:120, :160]
+    front = np.hypot(columns - 104, rows - 60) <= 20
+    both = np.where(front[..., None], np.float32([0.05, 0.1, 0.5]), alone)
+    back = np.hypot(columns - 80, rows - 60) <= 30
+    labels = np.where(front, 2, np.where(back, 1, 0)).astype(np.uint16)
+    labels[58:63, 84] = 0
+    shapes = [Disc(np.float64([80, 60]), 30.0), Disc(np.float64([104, 60]), 21.0)]
+    sprites = cut_all(labels, both, ground, shapes)
+    cracks = []
+    for sprite in sprites:
+        x, y = sprite.corner
+        cracks.append(sprite.coverage[58 - y : 63 - y, 84 - x])
+    assert cracks[0].min() > 0.95
+    assert cracks[1].max() < 0.8
+
+
 def cut_back(
     labels: np.ndarray, light: np.ndarray, ground: np.ndarray, radius: float
 ) -> Sprite:
     """Return the sprite of a ball of a `radius`, px, behind a box."""
     box = Region((Ring(np.float64([[84, 15], [124, 15], [124, 105], [84, 105]])),))
-    shapes = [Disc(np.float64([80, 60]), radius), box]
+    shapes: list[Outline] = [Disc(np.float64([80, 60]), radius), box]
+    return cut_all(labels, light, ground, shapes)[0]
+
+
+def cut_all(
+    labels: np.ndarray, light: np.ndarray, ground: np.ndarray, shapes: list[Outline]
+) -> list[Sprite]:
+    """Return the sprites of two objects, the farther one first."""
     coverage = (light.mean(axis=2) != ground.mean(axis=2)).astype(np.float32)
     absent = np.zeros(labels.shape, np.bool_)
-    sprites = cut_sprites(
-        encode_u8(light),
-        labels,
-        absent,
-        coverage,
-        encode_u8(ground),
-        {0: 0, 1: 1},
-        shapes,
-    )
-    return sprites[0]
+    order = {0: 0, 1: 1}
+    photo, background = encode_u8(light), encode_u8(ground)
+    return cut_sprites(photo, labels, absent, coverage, background, order, shapes)
