@@ -24,6 +24,7 @@
     python benchmarks/run.py sound           # the sound of contacts: closed forms and cost
     python benchmarks/run.py sureness        # stated confidences of masses beside their errors
     python benchmarks/run.py strangers       # clips of photos of strangers; PHYSGEN_MATERIAL
+    python benchmarks/run.py motions         # how many photos of COCO move; PHYSGEN_MATERIAL
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
 """
@@ -48,6 +49,7 @@ from colour_steps import measure_steps
 from editor import editor
 from fid import fid
 from fills import bench as background_fills
+from first_motions import first_motions
 from frames import frames as frame_rows
 from gallery import gallery
 from ghosts import ghosts
@@ -290,6 +292,7 @@ PARTS |= {
     "sound": sound,
     "views": views,
     "strangers": strangers,
+    "motions": first_motions,
 }
 PARTS |= {
     "properties": properties,

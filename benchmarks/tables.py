@@ -21,6 +21,7 @@ import sound
 import sureness
 import views
 from colour_steps import ALLOWED_STEP, FAR, summarise_steps
+from first_motions import motions_table
 from ghosts import RING
 from growth import KINDS, exponent
 from layout import number, prose, table
@@ -633,6 +634,7 @@ SECTIONS = {
     "Perceiving by stage": ("stages", _stages),
     "First clips": ("first", _first),
     "Clips of unknown photos": ("strangers", strangers_table),
+    "Motion in photos of COCO": ("motions", motions_table),
     "Growth with bodies": ("growth", _growth),
     "Ground truth": ("labels", _labels),
     "Editor": ("editor", editor.table),
