@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.arrays import F32, U8, U16
+from physgen.arrays import F32, F64, U8, U16
 from physgen.geometry.polygon import rotation
 from physgen.geometry.shadows import Silhouette
 from physgen.photometry import decode, encode_u8
@@ -291,6 +291,7 @@ def render_frames(
     one object moves. Frames are independent of each other. The poses in the photo are
     those of sample 0.
     """
+    trajectory = settle_motion(trajectory)
     samples = range(len(trajectory.times)) if order is None else order
     ways = trajectory.poses if ways is None else ways
     if parts > 1 and stage.scale != 1.0:
@@ -299,22 +300,65 @@ def render_frames(
     with single_threaded():
         painter = _Painter(stage)
         poses = sprite_poses(stage, trajectory, last_samples)
+        last_look = None
         for index, (time, stands) in enumerate(poses):
             exposure = list(samples[index * parts : (index + 1) * parts])
             trails = _trails(stage, ways[exposure])
-            pictures = list(_pictures(stage, painter.balls, stands))
-            _flatten(stage, pictures, time)
-            rgb = painter.paint(stands, pictures, trails)
-            covers = _covers(stage, pictures)
+            look = None if trails else _still_look(stage, trajectory, exposure[-1])
+            # Objects at rest look as in the last frame, which need not be painted anew.
+            if look is None or look != last_look:
+                pictures = list(_pictures(stage, painter.balls, stands))
+                _flatten(stage, pictures, time)
+                rgb = painter.paint(stands, pictures, trails)
+                covers = _covers(stage, pictures)
+            last_look = look
             yield Frame(
                 index,
                 time,
-                rgb,
+                rgb.copy(),
                 partial(_draw_ids, covers, painter.size),
                 partial(_covering, covers),
                 stage.faces,
                 None if painter.layers is None else painter.layers.to_layers,
             )
+
+
+def settle_motion(trajectory: Trajectory) -> Trajectory:
+    """Return the trajectory with the last pose for samples in which a body has settled.
+
+    The engine still moves a body at rest by less than anybody can see.
+    """
+    if not len(trajectory.poses):
+        return trajectory
+    return replace(
+        trajectory,
+        poses=_settle(trajectory.poses, SETTLED),
+        turns=_settle(trajectory.turns, SETTLED[2]),
+        wheel_turns=_settle(trajectory.wheel_turns[..., None], SETTLED[2])[..., 0],
+    )
+
+
+def _settle(states: F64, tolerance: F64) -> F64:
+    """Return states (T, N, K) with the last one for all within a tolerance of it."""
+    if not states.size:
+        return states
+    is_settled = (np.abs(states - states[-1]) <= tolerance).all(axis=2)
+    return np.asarray(np.where(is_settled[..., None], states[-1], states), np.float64)
+
+
+def _still_look(stage: Stage, trajectory: Trajectory, sample: int) -> object:
+    """Return a value that is equal for samples with equal frames, in objects without
+    motion blur; None if an impact flattens an object.
+    """
+    time = float(trajectory.times[sample])
+    if stage.squashes is not None and stage.squashes.find(time):
+        return None
+    states = [trajectory.poses, trajectory.turns, trajectory.wheel_turns]
+    return tuple(state[sample].tobytes() for state in states if state.size)
+
+
+SETTLED = np.array([1e-3, 1e-3, 1e-6])
+"""Distance from the last pose, px, px and rad, that is invisible."""
 
 
 class _LayerList:

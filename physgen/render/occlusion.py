@@ -493,11 +493,18 @@ def relit_border(
     shadow.
     """
     difference = background.total[box] - darkness
-    if not difference.any():
+    rows = np.flatnonzero(difference.any(axis=1))
+    if not len(rows):
         return rest
-    gain = three_channels(np.asarray(cv2.exp(np.minimum(difference, 1)), np.float32))
+    # A changed shadow covers a part of a border: the light elsewhere stays.
+    columns = np.flatnonzero(difference.any(axis=0))
+    part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    gain = three_channels(cv2.exp(np.minimum(difference[part], 1)))
+    old_light = rest[part]
+    result = rest.copy()
     # A negative rest may be on another object, which has no more light to subtract.
-    return np.asarray(np.maximum(rest * gain, np.minimum(rest, 0)), np.float32)
+    np.maximum(old_light * gain, np.minimum(old_light, 0), out=result[part])
+    return result
 
 
 def occlusion_factors(
