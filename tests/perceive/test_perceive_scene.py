@@ -338,6 +338,19 @@ def test_a_found_mask_that_ends_just_before_the_border_is_cut(
     assert [item.cut for item in items] == [held, False]
 
 
+@pytest.mark.parametrize(("beyond", "is_cut"), [(1, False), (30, True)])
+def test_the_flank_of_a_plate_at_the_border_is_whole(beyond: int, is_cut: bool) -> None:
+    """A plate that ends 1 px outside the photo can move; one that is cut off cannot."""
+    rgb = np.full((300, 300, 3), 90, np.uint8)
+    y, x = np.mgrid[:300, :300]
+    plate = ((x - 180 - beyond) / 120) ** 2 + ((y - 150) / 100) ** 2 <= 1
+    rgb[plate] = 220
+    labels = plate.astype(np.uint16)
+    assert labels[:, -1].any()
+    (item,), _ = fit_objects(rgb, Detections(labels, "learned", {1: 0.9}, {}))
+    assert item.cut is is_cut
+
+
 def test_an_object_with_a_narrow_tip_near_the_border_is_whole() -> None:
     rgb = np.full((400, 500, 3), 120, np.uint8)
     rgb[:, ::2] = 60
