@@ -21,11 +21,10 @@ from typing import Any
 import cv2
 import numpy as np
 from layout import prose, table
+from perceiving import BASELINE
 from strangers import LEAST_PATH, LEAST_TIME, ONE_THREAD
 
 ROOT = Path(__file__).resolve().parents[1]
-BASELINE = "PHYSGEN_BASELINE"
-"""Environment variable: a checkout that is measured beside this one."""
 LIVING = {
     *("person", "dog", "cat", "horse", "sheep", "cow", "elephant", "bear", "zebra"),
     *("giraffe", "bird"),
@@ -38,9 +37,6 @@ FIXED = {
 """Classes that stand still in a clip: fixed, floating or flying."""
 WHOLE_AREAS = (0.02, 0.6)
 """Area of a movable object away from the border, by the photo's."""
-MOST_LIVING = 0.05
-"""Largest share of people and animals in a photo."""
-JOBS = 2
 
 
 def first_motions(folder: Path) -> list[dict[str, Any]]:
@@ -53,7 +49,7 @@ def first_motions(folder: Path) -> list[dict[str, Any]]:
     for code, checkout in checkouts.items():
         out = folder / code
         out.mkdir()
-        with ThreadPoolExecutor(JOBS) as pool:
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
             for row in pool.map(partial(_measure, out, checkout), photos):
                 rows.append({"code": code} | row)
                 print(rows[-1], file=sys.stderr, flush=True)
@@ -88,7 +84,8 @@ def _suits(labels: np.ndarray, classes: dict[str, str]) -> bool:
         borders = np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]])
         low, high = WHOLE_AREAS
         whole_count += not borders.any() and low < mask.mean() < high
-    return whole_count > 0 and living_share <= MOST_LIVING
+    # Hardly any people or animals: at most 5 % of the photo.
+    return whole_count > 0 and living_share <= 1 / 20
 
 
 def _measure(folder: Path, checkout: str, photo: Path) -> dict[str, Any]:

@@ -296,10 +296,9 @@ def render_frames(
     ways = trajectory.poses if ways is None else ways
     if parts > 1 and stage.scale != 1.0:
         ways = enlarged_poses(ways, stage.scale)
-    last_samples = samples[parts - 1 :: parts]
     with single_threaded():
         painter = _Painter(stage)
-        poses = sprite_poses(stage, trajectory, last_samples)
+        poses = sprite_poses(stage, trajectory, samples[parts - 1 :: parts])
         last_look = None
         for index, (time, stands) in enumerate(poses):
             exposure = list(samples[index * parts : (index + 1) * parts])

@@ -24,6 +24,7 @@ from physgen.perceive.roles import (
 )
 from physgen.perceive.shadow.ambient_shade import find_ambient_shade
 from physgen.perceive.shadow.foot_shade import find_foot_shade
+from physgen.perceive.shadow.hard_shadows import lighten_hard_shadows
 from physgen.perceive.shadow.reduced import ReducedPhoto, reduce_photo, restore_size
 from physgen.perceive.shadow.shadow_fit import (
     COARSE,
@@ -81,6 +82,8 @@ class _Limits:
     # ... and the largest ratio of its share to that of the light, by eye on a toy car
     # over its mirror image.
     clearer: float = 0.8
+    # Largest share of the gradients after removal of a shadow with a hard edge.
+    hard_share: float = 0.5
     # Depth of the faintest shadows.
     faintest: float = 0.15
     # Depth of the darkest shadows.
@@ -235,11 +238,10 @@ def _reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:
         if fit is None and wall is None:
             break
         darkness = _predict_shadow_darkness(silhouettes, fit, wall, photo.size)
-        clean_background = remove_shadows(
+        # Removal must also remove edges; new edges mean that the light is wrong.
+        clean_background, ratio = _remove_floor_shadows(
             background, coverage, darkness, typical_size(silhouettes)
         )
-        # Removal must also remove edges; new edges mean that the light is wrong.
-        ratio = edge_ratio(background, clean_background, coverage)
         if ratio <= LIMITS.visible_share and (
             ratio <= LIMITS.removal_share or result.owners is None
         ):
@@ -251,6 +253,25 @@ def _reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:
                 photo, _light(fit, wall, guess, photo.size), clean_background, result
             )
     return _soft_shade(photo, guess) or result
+
+
+def _remove_floor_shadows(
+    background: Rgb, coverage: F32, darkness: F32, size: float
+) -> tuple[Rgb, float]:
+    """Return the background without shadows, and its `edge_ratio`.
+
+    `darkness` (h, w): predicted, -log of light; `size`: typical size of an object, px.
+    """
+    clean_background = remove_shadows(background, coverage, darkness, size)
+    ratio = edge_ratio(background, clean_background, coverage)
+    # The outline of a hard shadow is visible: it need not be predicted exactly.
+    lit_background = lighten_hard_shadows(background, coverage, darkness, size)
+    if lit_background is None:
+        return clean_background, ratio
+    hard_ratio = edge_ratio(background, lit_background, coverage)
+    if hard_ratio < min(LIMITS.clearer * ratio, LIMITS.hard_share):
+        return lit_background, hard_ratio
+    return clean_background, ratio
 
 
 def _describe_light(
