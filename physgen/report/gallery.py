@@ -452,6 +452,7 @@ def sweep_files(files: Path, used_names: set[str]) -> None:
 
 
 def _has_mark(index: Path) -> bool:
+    # The mark is in the head of the page, near its beginning.
     with index.open("rb") as file:
         return MARK.encode() in file.read(2000)
 

@@ -81,6 +81,7 @@ class Comparison:
         )
         if not change.any():
             return 50
+        # The column with half of all changes at its left.
         return round(
             100
             * float(np.searchsorted(change.cumsum(), change.sum() / 2))
@@ -112,6 +113,7 @@ def doubt_text(name: str, confidence: float | None) -> str:
 def mask_rings(mask: NDArray[np.bool_]) -> list[Array]:
     """Return the outlines (K, 2) px of a mask (H, W), through its outermost pixels."""
     own = mask.astype(np.uint8)
+    # This mode finds outer borders and those of holes.
     rings, _ = cv2.findContours(own, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     return [ring[:, 0, :].astype(np.float64) for ring in rings]
 
@@ -436,6 +438,7 @@ def light_description(light: Light) -> str:
             where = f"the {horizontal}"
         else:
             where = vertical
+    # A light almost in the plane of the picture is neither in front nor behind.
     if abs(z) < 0.2:
         depth = ""
     else:

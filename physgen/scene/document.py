@@ -185,6 +185,7 @@ def decode(data: bytes, name: str) -> str:
     if len(data) > Limit.BYTES.most:
         raise Limit.BYTES.error(Place(name))
     try:
+        # This decoder removes the byte order mark of some editors.
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         # A photo or an archive in place of a scene is the most common mistake.
@@ -364,6 +365,7 @@ class _Reader:
         if len(stack) == 2 and len(siblings) == Limit.OBJECTS.most:
             top = stack[0].value
             assert isinstance(top, dict)
+            # The last key read so far is the section of this mapping.
             if next(reversed(top)) == "objects":
                 raise Limit.OBJECTS.error(self._place(event), "objects")
         return key
