@@ -145,6 +145,8 @@ def check_refine(
         and steps * strength < 0.5
     ):
         wrong = parts.get("strength", parts.get("steps", backend))
+        # Steps times strength is rounded: from 0.5 on, one step runs. The suggestion is
+        # rounded up to two digits.
         problem = Message.NO_STEP.problem(
             wrong.place,
             ("refine", "strength"),

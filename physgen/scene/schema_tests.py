@@ -184,6 +184,7 @@ def _quick_list(schema: Schema) -> Test:
             and shortest <= len(value) <= longest
             and all(map(item_test, value))
         )
+    # A list may be shorter than the sequence: its length has its own limits.
     return lambda value: (
         type(value) is list
         and shortest <= len(value) <= longest
