@@ -169,6 +169,7 @@ def run_fid(options: argparse.Namespace) -> int:
     settings = physgen.evaluate.fid.Settings(
         physgen.evaluate.clip_frames.Rule(options.size, options.frames), options.draws
     )
+    # Only clips of methods begin with the photo: the reference keeps all frames.
     shortened_sides = (
         [replace(source, skip=options.skip) for source in side] for side in sides
     )

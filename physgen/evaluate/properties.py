@@ -273,9 +273,9 @@ def order(true: Mapping[str, float], answers: Mapping[str, float]) -> Order:
     """
     total = Order()
     for first, second in combinations(true, 2):
+        # Pairs with equal true values have no right order.
         if true[first] == true[second]:
             continue
-        # Pairs with equal true values have no right order.
         larger, smaller = first, second
         if true[first] < true[second]:
             larger, smaller = second, first

@@ -153,7 +153,7 @@ def _cards(
             card["result"] = results[k]
         else:
             card["result"] = ""
-        # Clips of several folders may have the same name.
+        # Only an ambiguous name needs the clip's folder.
         folder = ""
         if names[clip.name] > 1:
             folder = _folder(clip, home)

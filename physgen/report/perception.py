@@ -366,7 +366,7 @@ def _draw_outlines(
     size = picture.shape[1], picture.shape[0]
     pale_photo, lines = _u8(0.62 * picture.astype(np.float32)), Layer(size, 0.8)
     for chain in walls:
-        # Scaling moves the border of pixels, half a pixel before their centres.
+        # Scale about the picture's corner, half a pixel before the first centre.
         lines.line((chain + 0.5) * scale - 0.5, 2.2)
     lines.blend(pale_photo, SUPPORT)
     for number, rings in objects:

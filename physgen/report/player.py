@@ -414,15 +414,16 @@ Data = dict[str, Any]
 def _largest_impacts(world: World, samples: Trajectory) -> list[Impact]:
     """Return the impacts with the largest impulses, by time."""
     frame_time = world.duration / max(len(world.times), 1)
-    # A page with all impacts of a heap would be slow: keep the strongest ones.
     impacts = find_impacts(world, samples, frame_time / LIMITS.finer)
+    # A page with all impacts of a heap would be slow: keep the strongest ones.
     largest = sorted(impacts, key=lambda impact: -impact.impulse)
     return sorted(largest[: LIMITS.most_impacts], key=lambda impact: impact.time)
 
 
 def _code_steps(samples: Trajectory) -> dict[str, float]:
     """Return the units of the page's integers."""
-    # The page stores integers: a unit is the largest value by the number of codes.
+    # The page stores integers: a unit is the largest value divided by
+    # the number of codes.
     fastest = float(np.abs(samples.velocities[..., :2]).max(initial=0.0))
     spin = float(np.abs(samples.velocities[..., 2]).max(initial=0.0))
     return {
@@ -445,9 +446,9 @@ def player_data(
     objects have only their frames, without impacts.
     """
     T, N = len(trajectory.times), len(world.bodies)
+    # A page must load quickly: motion with too many samples has no player at all.
     if not T or LIMITS.max_samples < T * N:
         return None
-    # A page must load quickly: motion with too many samples has no player at all.
     samples, impacts = trajectory, list[Impact]()
     # Contacts between frames need finer samples than the video's.
     if N and T > 1 and trajectory.effort.steps * N <= LIMITS.effort:

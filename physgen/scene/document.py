@@ -292,8 +292,8 @@ class _Reader:
         key: str | None = None
         # Place of the key.
         key_place: tuple[int, int] | None = None
-        # Local names are faster than attributes in the loop over all events.
         documents = nodes = line = column = 0
+        # Local names are faster than attributes in the loop over all events.
         most_nodes = Limit.VALUES.most
         most_levels = Limit.DEPTH.most
         for event in events:

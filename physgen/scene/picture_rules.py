@@ -132,7 +132,7 @@ def check_refine(
         fix = registry.suggestion(str(backend.value), known)
         unknown = Message.UNKNOWN_REFINER.refusal(fix=fix)
         tree.findings.value(backend, ("refine", "backend"), unknown)
-    # Defaults count too: a small strength may need more steps.
+    # If only one of both keys is written, the default of the other one counts.
     steps, strength = (
         parts[key].value
         if key in parts

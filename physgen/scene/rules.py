@@ -216,7 +216,7 @@ class _Rules:
         """Return the fix for a missing assets folder."""
         image = self.tree.top.get("image")
         fix = RESTORE_ASSETS
-        # The photo of a scene may be in its assets: then the advice must be another one.
+        # If the photo was in the missing folder, perceiving it again is impossible.
         if image is not None and self.is_in_missing_assets(image):
             fix = RESTORE_PHOTO
         if self._is_own_folder(node):
