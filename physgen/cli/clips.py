@@ -267,6 +267,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         tracked_names: tuple[str, ...] | None = None,
         preview: tuple[str, ...] = (),
     ) -> Job:
+        # Later edits win: those of the user over those of the preview.
         edits = (*preview, *overrides, *further)
         job_options = replace(common, overrides=edits, variant=variant, name=name)
         return batch.run.Job(path, job_options, options.output, refiner, tracked_names)

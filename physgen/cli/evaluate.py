@@ -202,6 +202,7 @@ def methods(paths: Sequence[Path]) -> dict[str, list[Path]]:
     have the same name.
     """
     paths_by_name = {path.resolve().stem: [path] for path in paths}
+    # The result has the reference as a further side of this name.
     if len(paths_by_name) < len(paths) or REFERENCE in paths_by_name:
         names = ", ".join(path.resolve().stem for path in paths)
         raise Message.METHODS_CALLED_ALIKE.error("evaluate fid", names)

@@ -194,6 +194,7 @@ class Bar:
         while not stop.wait(TICK):
             with self._lock:
                 seconds = time.monotonic() - self._begun
+                # The stage may have ended while this thread waited for the lock.
                 if self._text and seconds >= SHOWN_FROM and not stop.is_set():
                     self._draw(f"{self._text}, {seconds:.0f} s")
 
