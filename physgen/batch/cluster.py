@@ -296,6 +296,7 @@ class _ClusterRun:
             self.client.cancel(list(self.tasks), force=True)
 
     def _submit(self, batch: Batch) -> None:
+        # Pickled here, so that a worker compares versions before it reads the items.
         content = pickle.dumps((self.work, batch.items))
         future = self.client.submit(
             run_batch, own_versions(), self.folder, content, pure=False

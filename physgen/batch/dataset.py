@@ -107,6 +107,7 @@ def key(name: str) -> str:
     >>> key("sweep/00-1,mass=2.5")
     'sweep_00-1-mass-2-5-261caf6945'
     """
+    # The end of a path tells clips apart better than its beginning.
     text = _UNSAFE.sub("-", name.replace("/", "_")).strip("-")[-MAX_KEY_LENGTH:]
     return f"{text}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:10]}"
 

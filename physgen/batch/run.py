@@ -165,8 +165,10 @@ def _run_to_file(job: Job, video: Path, progress: pipeline.Progress) -> JobResul
     Keep an existing file as `NAME~` unless an earlier run of this clip wrote it.
     """
     name = Format(video.suffix.lower().removeprefix(".")).file
+    # Read the old manifest now, since the run replaces it.
     earlier = read_manifest(job.folder).get("files", {}).get(name)
     source = job.folder / name
+    # The stamp shows whether the run wrote the video, even if it failed later.
     stamp = file_stamp(source)
     result = _run(job, progress)
     is_new = source.is_file() and file_stamp(source) != stamp
@@ -279,6 +281,7 @@ def describe_failure(error: Exception) -> tuple[str, str]:
         else:
             reason = f"failed: {error}"
         return reason, "try fewer --jobs or a smaller scene"
+    # The last frame of a traceback is the line of the fault.
     frames = traceback.extract_tb(error.__traceback__)[-1:]
     line_text = "".join(
         f" in {Path(frame.filename).name}:{frame.lineno}" for frame in frames

@@ -213,6 +213,7 @@ class Shipper:
         """Return a path relative to the working folder. Raise InputError for a path
         outside it.
         """
+        # Links are not resolved: the worker needs the path in the scene's words.
         name = Path(os.path.normpath(self._home / path))
         if not name.is_relative_to(self._home):
             raise Message.OUTSIDE_WORKING_FOLDER.error(str(path))
@@ -267,6 +268,7 @@ def _run_request(
         for name, digest in dict(manifest.get("inputs", {})).items():
             _fetch_input(store, str(digest), root, folder / str(name))
     verdict = work(request)
+    # Fetched clips must not fill the worker's disk.
     shutil.rmtree(request.folder, ignore_errors=True)
     return verdict
 
@@ -306,6 +308,7 @@ def _store_folder(store: Store, folder: Path) -> None:
     for path in sorted(folder.rglob("*")):
         if path.is_file():
             files.append(path)
+    # False comes before True, so that the manifest is last.
     files.sort(key=lambda path: path == folder / MANIFEST)
     for path in files:
         store.put(path, path.as_posix())
@@ -331,6 +334,7 @@ def _fetch_clip(store: Store, root: Path, folder: Path) -> Mapping[str, Any]:
 
 def _fetch_input(store: Store, digest: str, root: Path, path: Path) -> None:
     """Fetch a file by its SHA-256, unless it exists."""
+    # A digest from a manifest is untrusted and becomes part of a path.
     if not digest.isalnum() or not _is_inside(root, path):
         return
     if not path.is_file() or file_hash(path) != digest:

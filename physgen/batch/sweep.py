@@ -90,6 +90,7 @@ class Sweep:
             indices.insert(0, index)
         values = self._values(iter(indices), draw_number)
         variant = self.variants[rest]
+        # Numbers of fixed width sort as text. A single variant needs no number.
         numbers = [f"{rest:02d}"] * (len(self.variants) > 1) + [
             f"{index:02d}" for index in indices
         ]
@@ -134,6 +135,8 @@ class Sweep:
             if isinstance(axis, ListAxis):
                 values.append(axis.values[next(indices)])
             else:
+                # A draw depends on its key: further axes leave the draws of this one
+                # unchanged.
                 values.append(
                     axis.distribution.quantile(
                         draw(self.seed, same_key(axis), draw_number)
@@ -222,6 +225,7 @@ def clip_name(numbers: Sequence[str], parts: Sequence[str]) -> str:
     for n, part in enumerate(parts):
         longer = f"{text},{part}"
         left = len(parts) - n - 1
+        # File systems count bytes and not characters.
         if len(longer.encode()) + (len(f",+{left}") if left else 0) > MAX_NAME_BYTES:
             return f"{text},+{left + 1}"
         text = longer
@@ -254,6 +258,7 @@ def _short_scalar(data: Any) -> str:
             text = f"{data:.0f}"
         else:
             text = f"{data:.4g}"
+        # Shorten the exponent: 1.5e-07 becomes 1.5e-7.
         return re.sub(r"e\+?(-?)0*", r"e\1", text)
     return re.sub(r"[^\w.+-]+", "_", str(data)).strip("_.")[:MAX_VALUE_LENGTH] or "_"
 
@@ -294,6 +299,7 @@ def _scene(
     """
     settings = sweep.set_to(values)
     places = {}
+    # A problem names the source of its edit: map it to the argument of the sweep.
     for text, axis in zip(settings, sweep.axes, strict=True):
         places[quoted(f"--set {text}", "", 80)] = axis.place
     try:

@@ -334,10 +334,12 @@ def refuse_split_values(arguments: Sequence[str], files: Sequence[str]) -> None:
 
     `arguments` is the command line; `files` are the arguments taken for files.
     """
+    # Arguments with the look of a piece of a value, and without a file.
     strays = {
         text for text in files if not Path(text).exists() and IS_VALUE_PIECE(text)
     }
     for index, flag in enumerate(arguments):
+        # The flag's own value, and the stray pieces right behind it.
         pieces = [*arguments[index + 1 : index + 2]]
         for text in arguments[index + 2 :]:
             if text not in strays:

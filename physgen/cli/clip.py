@@ -43,6 +43,7 @@ def clip(options: argparse.Namespace) -> int:
     check_cluster(options)
     video = video_file(options)
     refuse_stored_video(options, video)
+    # The jobs are made later: this call only checks the flags.
     job_maker(options)
     if video is None:
         check_folder_name(output)
@@ -58,6 +59,7 @@ def clip(options: argparse.Namespace) -> int:
     print_problems(problems)
     if not scenes:
         return WRONG_INPUT
+    # The perception has set the output to that of a scene: set it back.
     options.scenes, options.output = list(map(str, scenes)), output
     # The scenes already contain these pushes.
     options.push, options.story = [], None

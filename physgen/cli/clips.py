@@ -197,6 +197,7 @@ def preview_edits(
         f"render.fps={max(1.0, film.fps * frame_count / count):g}",
     ]
     if not has_fixed_end:
+        # The preview ends as the clip does, without a further search for rest.
         edits.append(f"world.duration={duration}")
     edits += ["render.motion_blur=0", "render.supersample=1"]
     edits += ["render.hold=0", "render.grain=none"]
@@ -213,6 +214,7 @@ def preview_edits(
 
 def _open_scene(path: str, allow_outside: bool) -> OpenedScene:
     """Read a file once for many clips. Read it again after a change."""
+    # Relative paths depend on the working folder: it is a part of the cache's key.
     scene_file = _read(path, allow_outside, os.getcwd())
     # A scene may change during a long batch, for example by `--refresh`.
     if not scene_file.stale():
@@ -265,6 +267,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         tracked_names: tuple[str, ...] | None = None,
         preview: tuple[str, ...] = (),
     ) -> Job:
+        # Later edits win: those of the user over those of the preview.
         edits = (*preview, *overrides, *further)
         job_options = replace(common, overrides=edits, variant=variant, name=name)
         return batch.run.Job(path, job_options, options.output, refiner, tracked_names)
@@ -425,6 +428,7 @@ def make_all(
     if count == 0 and options.part:
         print_error("this part has no clip: there are fewer clips than parts")
     store = getattr(options, "ship", None)
+    # The clips of a store are not here, and have no gallery.
     gallery = gallery and (count > 1 or index.exists()) and store is None
     # The process of a clip makes its pictures while the frames are in memory.
     if gallery and count <= GALLERY_CLIPS:
@@ -434,6 +438,7 @@ def make_all(
     work = batch.run.run
     if not is_parallel(options, count):
         work = partial(batch.run.run, progress=bar.show)
+    # Closing the results stops unfinished work, also after an error.
     with (
         report.folders.clean_up_after_error(out),
         closing(

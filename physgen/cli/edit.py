@@ -155,6 +155,7 @@ def edit_file(options: argparse.Namespace) -> int:
     folder = getattr(correction, "folder", None)
     if folder is not None and scene.assets is not None:
         physgen.scene.saving.note_copies(scene.assets, folder)
+    # The file behind a link is replaced, and the link stays.
     physgen.scene.saving.save_scene(
         path.resolve(),
         correction.text.encode("utf-8"),

@@ -169,6 +169,7 @@ def run_fid(options: argparse.Namespace) -> int:
     settings = physgen.evaluate.fid.Settings(
         physgen.evaluate.clip_frames.Rule(options.size, options.frames), options.draws
     )
+    # Only clips of methods begin with the photo: the reference keeps all frames.
     shortened_sides = (
         [replace(source, skip=options.skip) for source in side] for side in sides
     )
@@ -201,6 +202,7 @@ def methods(paths: Sequence[Path]) -> dict[str, list[Path]]:
     have the same name.
     """
     paths_by_name = {path.resolve().stem: [path] for path in paths}
+    # The result has the reference as a further side of this name.
     if len(paths_by_name) < len(paths) or REFERENCE in paths_by_name:
         names = ", ".join(path.resolve().stem for path in paths)
         raise Message.METHODS_CALLED_ALIKE.error("evaluate fid", names)

@@ -82,6 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print_error("interrupted")
         return INTERRUPTED
     except BrokenPipeError:
+        # Otherwise Python prints a message about the closed pipe when it ends.
         sys.stderr.close()
         if options.command in BATCHES:
             return UNREAD
@@ -92,6 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _first_address(words: Sequence[str]) -> str | None:
     """Return the first URL among files and outputs, or None."""
+    # Pairs of a word and the one before it: values of other flags may be addresses.
     for flag, text in zip(["", *words], words, strict=False):
         is_path = flag in ("-o", "--output") or not flag.startswith("-")
         if is_path and URL.match(text):

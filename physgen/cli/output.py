@@ -151,6 +151,7 @@ class Bar:
     def write(self, text: str) -> None:
         """Write a text to the line."""
         with self._lock:
+            # The clock starts again with each new text.
             if text != self._text:
                 self._text, self._begun = text, time.monotonic()
             self._draw(text)
@@ -158,6 +159,7 @@ class Bar:
     def clear(self) -> None:
         """Leave an empty line for the next print."""
         with self._lock:
+            # Spaces cover the old text, and then the cursor returns to the margin.
             if self._width:
                 self._draw("")
                 self._draw("\r")
@@ -192,6 +194,7 @@ class Bar:
         while not stop.wait(TICK):
             with self._lock:
                 seconds = time.monotonic() - self._begun
+                # The stage may have ended while this thread waited for the lock.
                 if self._text and seconds >= SHOWN_FROM and not stop.is_set():
                     self._draw(f"{self._text}, {seconds:.0f} s")
 

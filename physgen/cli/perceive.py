@@ -66,6 +66,7 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
         return OK
     _name_in_folder(options)
     output = options.output or options.refresh
+    # The assets of a redirected scene lie beside the target file of stdout.
     if output:
         output_file = None
     else:
@@ -99,6 +100,7 @@ def perceive_photo(
     ]
     results: list[Any] = collect([*checks, *coordinate_checks])
     crew = results[0]
+    # Results have the order of the checks: first all boxes, then all points.
     marks = results[len(checks) :]
     settings: dict[str, Any] = {
         "boxes": marks[:boxes],
@@ -129,6 +131,7 @@ def _name_in_folder(options: argparse.Namespace) -> None:
     out = options.output
     if not options.image or out is None or out.name == "-":
         return
+    # A new name without a suffix is that of a folder.
     if out.is_dir() or not (out.suffix or out.exists()):
         options.output = out / f"{options.image[0].stem}.yaml"
 
@@ -201,6 +204,8 @@ def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
     for k, image in enumerate(options.image):
         output = options.output / f"{names[k]}.yaml"
 
+        # The defaults bind the photo of this pass, since the loop changes its
+        # variables.
         def step(
             stage: str, done: int, total: int, k: int = k, name: str = image.name
         ) -> None:

@@ -173,6 +173,7 @@ def simulate(options: argparse.Namespace) -> int:
     print_problems(
         pipeline.clip_warnings.motion_warnings(scene, compilation.world, trajectory)
     )
+    # An earlier trajectory is replaced; any other file is kept as a backup.
     if options.output is not None and not physgen.simulate.trajectory.is_trajectory(
         options.output
     ):

@@ -121,6 +121,7 @@ def _make_sweep(
     with batch.sweep.open_table(out / TABLE, table) as rows:
 
         def finish() -> Sequence[str]:
+            # Only a complete table replaces an older one.
             if rows.count < len(plan):
                 return ()
             batch.sweep.keep_other_table(rows.path, rows.part, print_backup)

@@ -187,6 +187,7 @@ def _linked_maps(assets: Path | None, path: Path) -> Path:
     for file in assets.iterdir() if assets is not None and assets.is_dir() else ():
         if file.is_file() and file.name != OVERVIEW:
             try:
+                # A hard link to a symbolic link would depend on the old folder.
                 os.link(os.path.realpath(file), folder / file.name)
             except OSError:
                 shutil.copyfile(file, folder / file.name)
@@ -273,6 +274,7 @@ def _paint(work: Correction) -> PaintedMaps:
     """Paint the label maps after the correction. Raises EditError."""
     labels = work.labels
     before = work.maps.cut_out
+    # Ids count from 1, as in the compiled label map.
     ids = {item.name: k + 1 for k, item in enumerate(work.scene.objects)}
     for name in work.new_masks:
         ids[name] = len(ids) + 1

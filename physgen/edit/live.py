@@ -84,6 +84,7 @@ class MotionStream:
             subframe_times = frames[:-1, None] + np.diff(frames)[:, None] * (
                 np.arange(subsamples) / subsamples
             )
+            # The frames are added again: sums of steps may miss them by rounding.
             times = np.unique(np.concatenate([subframe_times.ravel(), frames]))
         self._frames = np.searchsorted(times, frames)
         self._running = Running(world, times, max_bytes=0)
@@ -111,6 +112,7 @@ class MotionStream:
         self.simulate(start + 1, deadline)
         run = self._running
         N = max(len(self.world.bodies), 1)
+        # A part has a limit of numbers, so that heaps get fewer samples at a time.
         end = max(start, min(run.sample_count, start + max(1, MAX_PART // N)))
         trajectory = run.trajectory()
         data: Data = {

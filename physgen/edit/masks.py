@@ -178,6 +178,7 @@ def _apply_prompted_mask(
     # Without a name, the mask corrects the object with the largest overlap, unless the
     # overlap is so small that another object is meant.
     if name is None and not is_new:
+        # Pixels of each object inside the new mask, and in the whole photo.
         overlaps, areas = (
             np.bincount(part.ravel(), minlength=number + 1)
             for part in (labels[mask], labels)
@@ -185,6 +186,8 @@ def _apply_prompted_mask(
         best_id = 0
         if number:
             best_id = int(overlaps[1:].argmax()) + 1
+        # The overlap must be a large share of the smaller area, and some share of the
+        # object.
         if best_id and overlaps[best_id] > max(
             SAME[0] * min(count(mask), int(areas[best_id])),
             SAME[1] * int(areas[best_id]),
@@ -280,6 +283,7 @@ def _merge(work: Correction, op: MergeOp) -> str:
     distances = cv2.distanceTransform(
         (~target_mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
     )
+    # Centres of adjacent pixels are 1 px apart, without a gap between them.
     gap = max(distances[mask].min(initial=np.inf) - 1 for mask in masks.values())
     work.masks[target_name] = np.logical_or.reduce([target_mask, *masks.values()])
     title = f"merge {listed(names, 'and')} into {target_name}"

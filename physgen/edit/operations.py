@@ -207,6 +207,7 @@ def short(value: Any) -> Any:
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= 1e5:
         if abs(value) > 1e300:
             raise Message.SENT_TOO_LARGE.impossible()
+        # A large round number is written with an exponent: 4.0e5.
         if float(f"{value:.1e}") == value:
             return float(value)
     return value
@@ -253,6 +254,7 @@ def assign(data: Data, path: KeyPath, value: Any) -> None:
         if isinstance(holder, dict):
             if holder.get(key) is None:
                 holder[key] = {}
+        # Only the last part of a path may append an item.
         elif key == len(holder):
             raise Message.ITEM_MISSING.impossible(path=dotted(path[: depth + 1]))
         holder = holder[key]
@@ -337,6 +339,7 @@ class Target:
         for path, value in sorted(
             changes.items(), key=lambda change: change[1] is ABSENT
         ):
+            # A name with a dot or a bracket has no dotted key.
             if parse_key(dotted(path)) != path:
                 raise Message.VARIANT_SECTION_FIXED.impossible(path=dotted(path)[:80])
             new_edits[dotted(path)] = None if value is ABSENT else value

@@ -186,6 +186,7 @@ class Session:
         else:
             data = scene_bytes(path, str(path))
         text = decode(data, str(path))
+        # The saved file keeps its byte order mark and its kind of line breaks.
         self._bom = data.startswith(codecs.BOM_UTF8)
         self._crlf = "\r\n" in text
         self.draft = Draft(path)

@@ -227,6 +227,7 @@ def _scaled_push(item: Object, view: View, factor: float) -> tuple[float, float]
     """
     x, y = item.velocity
     if view is View.SIDE and y:
+        # The speed stays, and its direction becomes level.
         x, y = copysign(hypot(x, y), x or 1.0), 0.0
     return x * factor, y * factor
 

@@ -78,6 +78,7 @@ def course_of(trajectory: Trajectory, name: str) -> Course:
     contacts = trajectory.contacts
     is_own = (contacts.touch_pairs == body).any(axis=1)
     touch_times = contacts.touch_times[new_touches(trajectory) & is_own, 0]
+    # Without any contact the time is infinite, and all samples are free.
     first_time = float(touch_times.min(initial=np.inf))
     free_samples = int(np.searchsorted(trajectory.times, first_time, side="right"))
     return Course(trajectory.poses[:, body, :2], free_samples)
@@ -132,6 +133,8 @@ class Outcome:
         if hypot(x, y) < CONSTANTS.min_length:
             return None
         push = self.push
+        # Both products give the signed angle without an arccosine, which is inaccurate
+        # for small angles.
         cross = push.x * y - push.y * x
         dot = push.x * x + push.y * y
         return abs(degrees(atan2(cross, dot)))
@@ -141,6 +144,7 @@ def outcome(push: Push, path: Course, rest_path: Course) -> Outcome:
     """Return the effect of a push; `rest_path` is the path without a push."""
     # The difference from the path without a push is the effect of the push alone.
     offsets = path.places - rest_path.places
+    # The sample before the contact still belongs to the push alone.
     last_free_sample = max(path.free_samples - 1, 0)
     return Outcome(push, path, offsets[-1], offsets[last_free_sample])
 
@@ -232,6 +236,7 @@ def choose_object(scene: Scene, world: World, name: str | None) -> int:
 
 
 def _default_object(world: World, dynamic_names: Sequence[str]) -> str:
+    # A pushed object of the scene comes first, then moving ones.
     candidates = [world.bodies[push.body].name for push in world.pushes]
     for body in world.bodies:
         if np.hypot(*body.velocity) > 0:
@@ -247,6 +252,7 @@ def quiet(world: World, index: int) -> World:
     move as before.
     """
     bodies = list(world.bodies)
+    # A roll of the body would also move it on a table.
     bodies[index] = replace(
         bodies[index], velocity=np.zeros(2), spin=0.0, roll=np.zeros(2)
     )
@@ -262,6 +268,7 @@ def directions(count: int, view: View) -> list[float]:
     """
     if view is View.TOP:
         return [2 * pi * k / count for k in range(count)]
+    # y points down, so negative angles point up.
     return [-pi * k / max(count - 1, 1) for k in range(count)]
 
 
@@ -295,6 +302,7 @@ def _deceleration(world: World, body: Body) -> float:
     if body.radius is not None:
         return 0.0
     ground = max((wall.surface.friction for wall in world.walls), default=0.0)
+    # The friction of a pair is the product of both factors, as in the engine.
     return body.surface.friction * ground * float(np.hypot(*world.gravity))
 
 
@@ -364,6 +372,7 @@ def group_by_direction(pushes: PushSweep) -> list[PushGroup]:
     """Return one group for each direction, in the order of angles."""
     by_angle: dict[int, list[Outcome]] = {}
     for outcome in sorted(pushes.outcomes, key=lambda outcome: outcome.push.size):
+        # Sines and cosines leave rounding errors in the angles: group by whole degrees.
         angle = round(outcome.push.angle) % 360
         by_angle.setdefault(angle, []).append(outcome)
     groups = []

@@ -205,6 +205,7 @@ def _resample(
     """Return the distances of every method for resampled clips."""
     resamplings: dict[str, list[float]] = {name: [] for name in methods}
     random = np.random.default_rng(seed)
+    # A fixed order, so that a seed gives the same draws for any order of methods.
     sizes = sorted({method.count for method in methods.values()})
     for done in range(draws):
         # Methods with the same number of clips share a draw, and so do their common
@@ -291,8 +292,11 @@ def picture_flow(flow: F32, full_colour: float) -> U8:
     have full colour.
     """
     speed = cv2.magnitude(flow[..., 0], flow[..., 1])
+    # Faster pixels keep their direction, and get the full colour. The maximum avoids a
+    # division by zero at rest.
     limit = np.minimum(1.0, full_colour / np.maximum(speed, full_colour))
     limited_flow = flow * limit.astype(np.float32)[..., None]
+    # Reverse the channels from BGR to RGB.
     return np.ascontiguousarray(colour_flow(limited_flow, full_colour)[..., ::-1])
 
 
@@ -402,6 +406,8 @@ def _check_sides(
             length = check.read(clip, name == REFERENCE)
             if length is not None:
                 lengths.append(length)
+        # An unreadable clip would also make the count wrong, and cause a second
+        # message.
         if len(lengths) == len(clips):
             check.problems += _count_problems(name, lengths)
     if check.problems:
@@ -414,6 +420,7 @@ def _count_problems(name: str, lengths: Sequence[int]) -> list[Problem]:
     """Return a problem unless the clips make two pictures, the minimum for a
     covariance.
     """
+    # A clip of n frames has n - 1 pictures of motion.
     if sum(length - 1 for length in lengths) >= 2:
         return []
     place = Place("--reference" if name == REFERENCE else name)
@@ -449,6 +456,7 @@ def _warnings(
         place = Place("--reference" if side is truth else side.name)
         for kind in KINDS:
             count = side.count(kind)
+            # A covariance of fewer pictures than features has no full rank.
             if count <= feature_count:
                 yield Message.PICTURES_TOO_FEW.warning(
                     place, "", f"{count} pictures", features=feature_count, kind=kind

@@ -100,6 +100,7 @@ def truths(folder: Path, names: Sequence[str] = ()) -> list[Truth]:
         raise Message.UNKNOWN_TRUTH.error(
             "--scenes", ", ".join(unknown_names), names=", ".join(paths)
         )
+    # The folder is `studio/truth` of a checkout, and scenes are named from its top.
     root = folder.resolve().parents[1]
     return [_read_truth(name, paths[name], root) for name in names or paths]
 
@@ -112,6 +113,7 @@ def _read_truth(name: str, path: Path, root: Path) -> Truth:
     assert maps is not None
     normals_path = path.parent.parent / "normals.webp"
     if normals_path.exists():
+        # The code 128 means 0, and 127 steps are 1.
         normals = (read_image(normals_path).astype(np.float32) - 128) / 127
         maps = replace(maps, normals=np.asarray(normals, np.float32))
     return Truth(name, scene, maps, film, path.parent)
@@ -224,6 +226,7 @@ def _paste(canvas: U8, mask: Mask, look: F32, body: Body, pose: F64) -> None:
     def warp(picture: Any, interpolation: int) -> Any:
         return cv2.warpAffine(picture, matrix, (width, height), flags=interpolation)
 
+    # The paper's cut-outs have hard borders: no mask value between 0 and 1.
     is_covered = warp(mask.astype(np.uint8), cv2.INTER_NEAREST) > 0
     pixels = np.asarray(warp(look, cv2.INTER_LINEAR), np.float32)
     canvas[is_covered] = encode_u8(pixels[is_covered])
@@ -271,6 +274,7 @@ def ssim(a: U8, b: U8) -> F32:
 
     # Equation 13 of the paper, with its constants K1 = 0.01 and K2 = 0.03.
     mx, my = mean(x), mean(y)
+    # The variance is the mean of the squares less the square of the mean.
     vx = mean(x * x) - mx * mx
     vy = mean(y * y) - my * my
     vxy = mean(x * y) - mx * my

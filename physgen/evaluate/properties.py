@@ -239,6 +239,7 @@ def masses(pairs: Sequence[tuple[float, float]]) -> Masses | None:
         return None
     true_masses, answers = np.array(pairs, np.float64).T
     errors = np.abs(answers - true_masses)
+    # Rounding must not exclude an error of exactly 30 %.
     is_near = errors <= NEAR * true_masses * (1 + ROUNDING)
     return Masses(len(pairs), float(errors.mean()), int(is_near.sum()))
 
@@ -272,9 +273,9 @@ def order(true: Mapping[str, float], answers: Mapping[str, float]) -> Order:
     """
     total = Order()
     for first, second in combinations(true, 2):
+        # Pairs with equal true values have no right order.
         if true[first] == true[second]:
             continue
-        # Pairs with equal true values have no right order.
         larger, smaller = first, second
         if true[first] < true[second]:
             larger, smaller = second, first
@@ -456,6 +457,7 @@ class _MassPair:
 
     def factor(self) -> float:
         """Return the factor between both, 1 or more: 2 is half or twice."""
+        # The logarithm treats half and twice the mass alike.
         return exp(abs(log(self.answer / self.true_mass)))
 
 

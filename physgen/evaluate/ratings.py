@@ -238,6 +238,7 @@ class Draws:
 
 def _draw_counts(random: np.random.Generator, count: int) -> F64:
     """Return the count of each of `count` in each draw, (B, count)."""
+    # Draws with replacement have multinomial counts.
     counts = random.multinomial(count, np.full(count, 1 / count), DRAWS)
     return counts.astype(np.float64)
 
@@ -266,6 +267,7 @@ def agreement(scores: Scores, seed: int = 0) -> Mean:
     shape = (CLIP_DRAWS, len(counts))
     clip_draws = np.random.default_rng(seed).integers(0, len(counts), shape)
     alphas = [_alpha(counts[clips]) for clips in clip_draws]
+    # A draw of clips with one score for all has no alpha.
     low, high = np.nanquantile(alphas, QUANTILES).tolist()
     return Mean(_alpha(counts), low, high)
 

@@ -185,6 +185,7 @@ def _read_perception(
     try:
         steps = read_record((folder / source).parent / str(assets) / RECORD)["steps"]
         for step in steps:
+            # A role may run more than once. The record of perception has no CPU times.
             stage = f"perceive {step['role']}"
             step_time = (float(step["seconds"]), np.nan)
             times[stage] = total([times.get(stage, (0.0, np.nan)), step_time])

@@ -76,6 +76,7 @@ def require_pycocotools() -> None:
 
 def runs(mask: Mask) -> Runs:
     """Return the run lengths of a mask (H, W)."""
+    # COCO's run lengths go down the columns.
     return dict(coco.encode(np.asfortranarray(mask, np.uint8)))
 
 
@@ -195,6 +196,7 @@ def _pair_name(pair: Pair, folder: Path) -> str:
     """
     path = pair.photo.relative_to(folder)
     parts = path.with_suffix("").parts
+    # The name `photo` says nothing if each photo has a folder: use the folder's name.
     if pair.is_alone:
         parts = path.parent.parts or (folder.resolve().name,)
     name = re.sub(r"[^\w.-]+", "-", "-".join(parts))
@@ -275,6 +277,8 @@ def match(photos: Sequence[Photo]) -> Matches:
     photo_matches = []
     for photo, result in zip(photos, judge.evalImgs, strict=True):
         photo_matches.append(_photo_matches(photo, result, true_masks, detections))
+    # Axes: threshold, recall, class, area, maximum of detections; the last three have
+    # one entry.
     precision = np.asarray(judge.eval["precision"][:, :, 0, 0, 0])
     return Matches(tuple(photo_matches), precision)
 
@@ -358,6 +362,7 @@ def counts(photos: Sequence[PhotoMatches]) -> dict[str, Any]:
     detections = sum(len(photo.confidence) for photo in photos)
     true_masks = sum(photo.true_count for photo in photos)
     overlaps = [photo.overlap[photo.is_match] for photo in photos]
+    # NumPy cannot join an empty list.
     hit_overlaps = np.concatenate(overlaps or [np.zeros(0)])
     hits = len(hit_overlaps)
     total = detections + true_masks
@@ -385,6 +390,8 @@ def calibration_error(photos: Sequence[PhotoMatches]) -> float | None:
         return None
     is_match = np.concatenate([photo.is_match for photo in photos])
     bins = np.clip(np.ceil(confidence * BINS) - 1, 0, BINS - 1).astype(int)
+    # The difference of sums in a bin is its share right minus its mean confidence,
+    # times its count.
     bin_errors = np.abs(np.bincount(bins, is_match - confidence, BINS))
     return float(bin_errors.sum() / len(confidence))
 

@@ -372,6 +372,7 @@ def make(
     """
     scenes = choose_scenes(methods, videos, seed)
     pairs = [(method, scene) for scene in scenes for method in methods.names]
+    # A random order hides the methods from raters.
     order = np.random.default_rng([seed, len(pairs)]).permutation(len(pairs)).tolist()
     photos: dict[str, str] = {}
 
@@ -389,6 +390,7 @@ def make(
     for scene in scenes:
         if scene in methods.photos:
             calls.append(partial(encode_photo, scene))
+    # The calls for photos come last, and return nothing.
     clips: list[PageClip] = collect(calls)[: len(order)]
     words = {scene: methods.words[scene] for scene in scenes if scene in methods.words}
     key = Key(

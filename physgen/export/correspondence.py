@@ -79,6 +79,7 @@ def similarity(body: int, view: PosedView, other: PosedView) -> tuple[complex, c
     scale, shift = _lens(view.lens)
     other_scale, other_shift = _lens(other.lens)
     if body < 0 or is_still(body, view, other):
+        # Only the cameras differ: undo the first one, and apply the other.
         return complex(other_scale / scale), other_shift - other_scale / scale * shift
     x, y, angle = view.poses[body].tolist()
     other_x, other_y, other_angle = other.poses[body].tolist()
@@ -86,6 +87,8 @@ def similarity(body: int, view: PosedView, other: PosedView) -> tuple[complex, c
     face = view.faces.get(body, 0.0)
     # Points are complex numbers x + i y: a turn is a factor, and a shift a sum.
     turn = exp(1j * (other_angle - angle))
+    # From the video to the photo, about the body's centre to its other pose, and back
+    # to the video.
     start = shift / scale + complex(x, y + face)
     offset = complex(other_x, other_y + face) - turn * start
     return other_scale / scale * turn, other_scale * offset + other_shift

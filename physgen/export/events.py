@@ -161,6 +161,7 @@ def _resample(world: World, trajectory: Trajectory) -> Trajectory:
     touches = whole.contacts.touch_times[:limit, 0]
     step = LIMITS.impact_steps / world.steps_per_second
     pushes = np.array([push.start for push in world.pushes])
+    # An impact needs velocities before, at and after its touch.
     before = touches - LIMITS.lead
     earlier = touches - step
     later = touches + step
@@ -350,6 +351,7 @@ def _border_crossings(
         # A sample on another side than the one before it is a crossing.
         changes = np.flatnonzero(is_outside[1:] != is_outside[:-1]) + 1
         for sample in changes.tolist():
+            # The sample outside shows which border the object crosses.
             kind, outside_sample = EventKind.ENTER, sample - 1
             if farthest[sample] > 0:
                 kind, outside_sample = EventKind.LEAVE, sample

@@ -52,6 +52,7 @@ class Flo(Writer):
             path = self._folder / name / f"{moment.view.index:05d}.flo"
             if not cv2.writeOpticalFlow(str(path), flow.motion):
                 raise OSError(f"{path} cannot be written")
+            # A point that is not visible is hidden if it is still inside.
             codes = np.where(
                 flow.visible,
                 np.uint8(VISIBLE),
@@ -86,6 +87,7 @@ def _colour_disc() -> NDArray[np.uint8]:
     u = np.linspace(-1, 1, 2 * GRID + 1)[None, :]
     v = u.T
     radius = np.hypot(u, v)[..., None]
+    # The angle as a share of a turn, from -x on, as in the published code.
     turn = (np.arctan2(-v, -u) / np.pi + 1) / 2
     # The direction chooses a hue of the wheel, by linear interpolation between its
     # neighbours; the length chooses the saturation (Baker et al., Middlebury).

@@ -117,6 +117,7 @@ class Layers:
         m, _ = similarity(-1, view, self._photo)
         x, y = view.lens @ [*view.poses[body, :2], 1.0]
         photo_x, photo_y = self._photo.poses[body, :2]
+        # The centre of the body must reach its centre in the photo.
         shift = complex(photo_x, photo_y) - m * complex(x, y)
         return part.warp(box, m, shift)
 
@@ -128,6 +129,7 @@ class Layers:
             values = self._ground
             height, width = values.shape[:2]
             if self._size != (width, height) or not np.array_equal(lens, np.eye(2, 3)):
+                # This kind of warp takes the map from the target to its source.
                 matrix = cv2.invertAffineTransform(lens)
                 warped = cv2.warpAffine(
                     values,
@@ -183,6 +185,7 @@ def parts_of(values: F32, clip: Clip) -> dict[int, Part]:
 def _extend(values: F32, mask: Mask) -> F32:
     """Return values (h, w[, C]) with the nearest value of the mask everywhere."""
     outside = (~mask).view(np.uint8)
+    # Each pixel outside has the label of the nearest pixel of the mask.
     _, labels = cv2.distanceTransformWithLabels(
         outside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -228,6 +231,7 @@ class Depth(Writer):
 
         def encode(depth: F32) -> U16:
             codes = (depth - np.float32(low)) * codes_per_unit
+            # The conversion cuts the fraction off: half a code makes it round.
             return np.asarray(codes + np.float32(0.5), np.uint16)
 
         depth = clip.maps.depth

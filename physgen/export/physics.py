@@ -132,6 +132,7 @@ def _object(
         mass, moment = body.mass, body.moment
         mass_kg = mass / 1000
         if scale.is_known:
+            # A moment of inertia contains the square of a length.
             moment_si = moment / 1000 / scale.pixels_per_meter**2
     return {
         "name": item.name,

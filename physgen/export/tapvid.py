@@ -127,6 +127,8 @@ class Tapvid(Writer):
         occluded = far_side | ~self._find_visible(places, points)
         first = np.argmin(occluded, axis=1)
         first_places = places[np.arange(len(first)), first]
+        # The format counts from the picture's corner, half a pixel before the first
+        # centre.
         x, y = (first_places + 0.5).T
         arrays: dict[str, NDArray[Any]] = {
             "points": ((places + 0.5) / self._clip.size).astype(np.float32),
@@ -279,6 +281,7 @@ def _roll(place: Complex, frame: Index, spaces: Array) -> tuple[Complex, Mask]:
     start_normals = np.einsum("kij,ki->kj", spaces[frame], normals)
     turned_normals = np.einsum("tij,kj->kti", spaces, start_normals)
     x, y, z = np.moveaxis(turned_normals, -1, 0)
+    # Points beyond the rim keep their distance from the rim.
     return x + 1j * y + (place - rim)[:, None], z > LIMITS.far_side
 
 

@@ -110,6 +110,7 @@ def open_video(
     if max_side is not None and max(size) > max_side:
         found = f"{size[0]} x {size[1]} px"
         raise Message.SIDE_TOO_LONG.error(place, found, most=max_side)
+    # Rates of television such as 30000/1001 stay exact fractions.
     source_rate = Fraction(fps).limit_denominator(1001)
     rate = min(source_rate, Fraction(MAX_RATES.get(kind, source_rate)))
     path = folder / kind.file_name(name)
@@ -350,6 +351,7 @@ class _SoundWriter:
         part = self._sound[self._done : end].reshape(1, -1)
         frame = self._frame_type.from_ndarray(part, format="s16", layout="stereo")
         frame.sample_rate = SOUND_RATE
+        # Time stamps count the samples before the frame.
         frame.pts = self._done
         frame.time_base = Fraction(1, SOUND_RATE)
         self._container.mux(self._stream.encode(frame))

@@ -88,6 +88,8 @@ def frame_times(durations: Sequence[float | None], fps: float) -> F64:
     for duration in durations:
         known_durations.append(1 / fps if duration is None else duration)
     frame_durations = np.array(known_durations)
+    # Files round durations: multiples of the rate are exact, and their errors do not
+    # add up.
     if np.ptp(frame_durations) < EVEN_DURATIONS:
         return np.arange(len(frame_durations)) / fps
     return np.concatenate([[0.0], np.cumsum(frame_durations[:-1])])

@@ -289,6 +289,7 @@ def _moves_out_of_sight(
     pose = np.nan_to_num(poses[last, template.body])
     step = _last_step(poses[: last + 1], template.body)
     window = Window((0, 0), (frame.shape[1], frame.shape[0]))
+    # The last velocity says nothing about much later frames.
     end = min(last + 1 + FOLLOWER.coasting_frames, len(poses))
     for index in range(last + 1, end):
         # The object keeps its last velocity.

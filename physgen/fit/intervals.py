@@ -74,6 +74,7 @@ def fit_with_intervals(model: Model, numbers: F64) -> Fit:
     total = len(model.tracks.times)
     _adapt_noise(model, numbers)
     slopes = model.jacobian(numbers, total, range(len(numbers)))
+    # Residuals are in standard deviations, so that no further scale is needed.
     covariance: F64 = np.linalg.pinv(slopes.T @ slopes).astype(np.float64)
     poses = model.poses(numbers, model.tracks.times)
     differences = model.differences(poses)
@@ -165,6 +166,7 @@ def _correlation_inflation(residuals: F64) -> float:
     product = float((before[observed] * after[observed]).mean())
     correlation = product / max(power, 1e-12)
     correlation = min(max(correlation, 0.0), INTERVAL.max_correlation)
+    # The factor of an autoregressive process of first order.
     return float(np.sqrt((1 + correlation) / (1 - correlation)))
 
 
@@ -194,6 +196,7 @@ class Profile:
 
         `side` is -1 or 1; `width` is the standard deviation of a linear model.
         """
+        # A sum of squares rises by z² at z standard deviations.
         target = (INTERVAL.quantile * self.inflation) ** 2
         reach = INTERVAL.quantile * width
         for _ in range(INTERVAL.searches):
@@ -235,6 +238,7 @@ def name_flat_directions(
     variances, directions = np.linalg.eigh(scaled_covariance)
     sentences = []
     for k in np.argsort(-variances).tolist():
+        # Variances fall in this order: all further directions are determined.
         if variances[k] < INTERVAL.max_width**2:
             break
         sentences.append(_direction_text(parameters, directions[:, k]))

@@ -174,6 +174,8 @@ def _explained_share(template: Template, pose: F64, patch: Patch) -> float | Non
     limit = 4 * REGISTRATION.outlier
     mean_residual = np.minimum(np.abs(residual), limit).mean()
     mean_contrast = np.minimum(np.abs(contrast), limit).mean()
+    # The minimum contrast keeps an object before an equal background from a division by
+    # zero.
     return 1.0 - float(mean_residual) / max(float(mean_contrast), 1.0)
 
 
@@ -237,12 +239,14 @@ def _pose_slopes(
     """
     # The brightness is the root of the light, with a steep slope in the dark.
     divisor = 2 * np.maximum(prediction, REGISTRATION.min_brightness)
+    # The derivative of 255 sqrt(light) is 255² over twice the brightness.
     light_factor = CODES**2 / divisor
     slopes = []
     for kernel in (_ROW_KERNEL, _ROW_KERNEL.T):
         change = np.asarray(cv2.filter2D(paint, -1, kernel), np.float32)
         # The coverage also moves: it uncovers background behind the object.
         light = change[..., :3] - change[..., 3:] * patch.background
+        # A shift to the right brings the values from the left.
         slopes.append(-light * light_factor)
     if template.can_turn:
         left, top = patch.window.origin
@@ -296,6 +300,7 @@ def disc_turn(
     frame = patch.frame * patch.open_mask[..., None]
     frame_rings = _rings(frame.astype(np.float32), template, (float(x), float(y)))
     correlation = _turn_correlation(own_rings, frame_rings)
+    # Angles are circular: the last one is beside the first.
     is_rise = correlation >= np.roll(correlation, 1)
     is_peak = is_rise & (correlation >= np.roll(correlation, -1))
     limit = REGISTRATION.peak_share * correlation.max()
@@ -314,7 +319,9 @@ def _turn_correlation(own_rings: F32, frame_rings: F32) -> F64:
     # In polar coordinates a turn is a shift, so that one Fourier transform tries all.
     own_spectrum = np.fft.rfft(own_rings, axis=0)
     frame_spectrum = np.fft.rfft(frame_rings, axis=0)
+    # The conjugate makes a correlation of the convolution.
     spectrum = np.conj(own_spectrum) * frame_spectrum
+    # The transform is linear: sum radii and channels before it.
     correlation = np.fft.irfft(spectrum.sum(axis=(1, 2)), n=len(own_rings))
     return np.asarray(correlation)
 

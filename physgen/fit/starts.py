@@ -89,6 +89,8 @@ def _estimate_velocity(
         weight = float((observed_times**2).sum())
         product = float((observed_times * offsets[observed, axis]).sum())
         component = product / weight
+        # The error of the slope is that of a coordinate over the root of the summed
+        # squares of the times.
         if abs(component) > START.moving * errors[axis] / weight**0.5:
             velocity[axis] = component
             is_moving = True

@@ -88,6 +88,7 @@ class Template:
         cosine, sine = cos(angle), sin(angle)
         left = self.corner[0] - self.center[0]
         top = self.corner[1] - self.center[1]
+        # The corner turns about the centre, and the centre moves to the pose.
         shift_x = cosine * left - sine * top + x - origin[0]
         shift_y = sine * left + cosine * top + y - origin[1]
         return np.array([[cosine, -sine, shift_x], [sine, cosine, shift_y]])

@@ -61,6 +61,7 @@ class SideThreads:
             try:
                 result = work()
             except BaseException as error:
+                # The thread that waits for the result raises the error.
                 future.set_exception(error)
                 return
             self._record.stages.setdefault(stage, StageTime()).cpu += time.thread_time()
@@ -115,6 +116,7 @@ class Film:
             assert self._maps is not None
             maps = self._clean_maps(self._maps)
             prepared_stage = self._stages.stage(self.scene, self.compiled, maps)
+        # The maps of a large photo fill the memory, and are not needed any more.
         self._maps = None
         return prepared_stage
 

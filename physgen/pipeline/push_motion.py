@@ -135,6 +135,7 @@ def measure_moving_time(
     """Return the time after which no body is `least_distance` px from its last pose, s."""
     last_sample = 0
     for k, body in enumerate(world.bodies):
+        # Backwards from the last pose: a body moves until it stays near its end.
         distances = _shift(body, motion.poses[::-1, k])[::-1]
         moving_samples = np.flatnonzero(distances > least_distance)
         last_sample = max(last_sample, int(moving_samples.max(initial=0)))
@@ -182,6 +183,7 @@ def measure_foot(body: Body) -> tuple[float, float, float]:
     points = np.concatenate(body.rings)
     low = float(points[:, 1].min())
     high = float(points[:, 1].max())
+    # The foot has all corners near the lower end.
     foot = points[points[:, 1] > high - TRIAL.foot * (high - low), 0]
     return high, float(foot.min()), float(foot.max())
 
@@ -208,14 +210,17 @@ def tipping_motion(
     high, left, right = measure_foot(body)
     half_width = max(side * left, side * right, 1.0)
     falling_angle = atan2(half_width, high)
+    # The body must swing back, and not fall over.
     turn = min(radians(angle), TRIAL.rocks_most * falling_angle)
     reach = hypot(half_width, high)
+    # The centre turns about the corner, and is highest above it.
     rise = reach * cos(falling_angle - turn) - high
     inertia = body.moment / body.mass + reach**2
     # The ramp lifts the body by `rate * ramp / 2`: a quadratic equation for the rate.
     lift = gravity * half_width * ramp / 2
     energy = 2 * inertia * gravity * max(rise, 0.0)
     rate = (sqrt(lift**2 + energy) - lift) / inertia
+    # The centre moves across the line to the corner.
     velocity = (side * rate * high, -rate * half_width)
     return velocity, degrees(side * rate)
 
@@ -233,6 +238,7 @@ def climbs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
     if trials.scene.world.view is not View.SIDE:
         return False
     for k, body in enumerate(world.bodies):
+        # Rows count downwards: the largest one is the lowest point of a body.
         lowest_rows = _transform_points(_corners(body), motion.poses[:, k])[..., 1].max(
             axis=1
         )
@@ -286,7 +292,9 @@ def explodes(trials: TrialScene, motion: Trajectory, speed: float) -> bool:
         return False
     steps = np.diff(motion.poses[..., :2], axis=0)
     lengths = np.hypot(*np.moveaxis(steps, -1, 0))
+    # Samples are even and begin at 0: the second time is their step.
     fastest = float(lengths.max(initial=0.0)) / float(motion.times[1])
+    # The speed after a fall over the photo's longer side.
     fall = sqrt(2 * hypot(*trials.world.gravity) * trials.side)
     return fastest > TRIAL.wild * (speed + fall)
 
@@ -295,6 +303,7 @@ def returns(motion: Trajectory, name: str, velocity: Sequence[float]) -> bool:
     """Check whether an object goes back farther than it went forward."""
     index = motion.names.index(name)
     displacements = motion.poses[:, index, :2] - motion.poses[0, index, :2]
+    # The path along the push, in any unit: only its two ends are compared.
     distances = displacements @ np.array(velocity, np.float64)
     return bool(-distances.min() > distances.max())
 
@@ -322,6 +331,7 @@ def _stopped_mass(
     # An object may have the name of a wall.
     is_wall[: len(motion.names)] = False
     impulses = motion.contacts.impulses[(first == index) & is_wall[second]]
+    # Impulses more across than against the velocity come from a slide along the wall.
     backward_parts = -impulses @ velocity
     side_parts = np.abs(cross(velocity, impulses))
     return float(

@@ -251,6 +251,7 @@ def simulate(
     """
     if rate is None:
         return physgen.simulate.engine.simulate(world, progress=progress)
+    # Rounding must not lose the last sample.
     count = int(world.duration * rate + 1e-9) + 1
     if count * max(len(world.bodies), 1) > Limit.POSES.most:
         raise Limit.POSES.error(
@@ -350,6 +351,7 @@ def _put_back(
         return maps, coverage, background
     flat_labels = maps.labels.ravel()
     # A region counts as cut out if the stored coverage contains most of its pixels.
+    # The first sum is the coverage of each id, the second its number of pixels.
     cut_out_ids = np.flatnonzero(
         np.bincount(flat_labels, coverage.ravel()) > 0.75 * np.bincount(flat_labels)
     )

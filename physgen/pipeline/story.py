@@ -175,6 +175,7 @@ def _at_rest(scene: Scene, world: World) -> World:
             resting_item = replace(item, velocity=(0.0, 0.0), spin=0.0)
             body = replace(set_velocity(body, resting_item, scene.world.view), spin=0.0)
         bodies.append(body)
+    # A force without an end belongs to the place, such as a draught; pushes end.
     lasting = tuple(push for push in world.pushes if not isfinite(push.end))
     return replace(world, bodies=tuple(bodies), pushes=lasting)
 
@@ -220,6 +221,7 @@ def _starts_at(
     if story.wish is Wish.SPIN:
         for sign in signs:
             yield Start(actor, spin=sign * LIMITS.spin * speed / (body.reach * 10))
+            # The spin at which the rim has the speed of a push.
             yield Start(actor, spin=sign * degrees(speed / body.reach))
         return
     is_upright = scene.world.view is View.SIDE and body.radius is None
@@ -297,6 +299,7 @@ def _generate_directions(
         if is_side:
             yield side, 0.0
         yield x, y
+        # Throws rise above the horizon, and y points down.
         for elevation in LIMITS.elevations[1:] if is_side else ():
             yield side * cos(radians(elevation)), -sin(radians(elevation))
 

@@ -120,9 +120,13 @@ def fuse_latents(
     `held_share` 0..1 is the share of the guidance in every step, also in free ones. It
     broadcasts, too, and is 1 on the first frame, the photo; see `each_step`.
     """
+    # The same noise is used again in every later call, so that blends keep its
+    # variance.
     z = add_noise(guidance, 0)
     fusing = steps_fused(count, stop)
     for k in range(count):
+        # The model's latents are now at noise level k + 1, so the guidance is blended
+        # in at the same level below.
         z = denoise(z, k)
         if k < fusing:
             share = mask * (1 - weight(k, count))
@@ -146,6 +150,7 @@ def prompt_of(labels: Iterable[str]) -> str:
     >>> prompt_of(["billiard ball", "billiard ball", "cue", "object"])
     'billiard ball, cue'
     """
+    # Labels that differ in case only count as one; the prompt keeps the first spelling.
     spelling: dict[str, str] = {}  # the first spelling of each label
     counts = Counter(
         spelling.setdefault(label.strip().lower(), label.strip()).lower()
@@ -178,18 +183,22 @@ def restore_detail(
     before = guidance.astype(np.float32) / np.float32(255)
     # Autoencoders lose detail. The loss in the guidance is known: add it to the result.
     after = refined_frame + np.float32(detail) * (before - guidance_frame)
+    # The held share fades the first frames from the exact photo to the refined video.
     after = before + np.float32(1 - held_share) * (after - before)
     refined_rgb: U8 = np.rint(np.clip(after, 0, 1) * 255).astype(np.uint8)
     # Where objects are locked, blend the guidance over the result in linear light.
     share = np.float32(lock) * coverage
     if not share.any():
         return refined_rgb
+    # Objects are usually small: decode and encode their box instead of the frame.
     box = _bounding_slices(share)
     share_there = share[box][..., None]
     blend = encode_u8(
         (1 - share_there) * decode(refined_rgb[box])
         + share_there * decode(guidance[box])
     )
+    # Pixels with no share keep their bytes; encoding again could change them by
+    # rounding.
     refined_rgb[box] = np.where(share_there > 0, blend, refined_rgb[box])
     return refined_rgb
 
@@ -260,6 +269,7 @@ class Refinement:
         self._fit = fit_to_grid(size, model.grid)
         self._latents = latent_frames(count, model.grid)
         window = model.grid.window
+        # Neighbours overlap by half a window, over which their weights fade.
         self._windows = window_spans(self._latents, window, window // 2)
 
     def frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
@@ -296,6 +306,8 @@ class Refinement:
         """Return the latents of the guidance frames."""
         settings = self._how
         frame_total = frames_held(self._latents, self._model.grid)
+        # A latent frame covers several frames, so the last one may need frames past the
+        # end.
         padded_guidance = pad_frames(
             [self._fit.to_model(rgb) for rgb in guidance], frame_total
         )
@@ -308,6 +320,8 @@ class Refinement:
         """Return the refined latents. Raises InputError if they are not finite."""
         model, settings, grid = self._model, self._how, self._model.grid
         mask = cell_coverage(map(self._fit.mask, coverage), self._latents, grid)
+        # NumPy's generator, and not the backend's: the noise of a seed is the same on
+        # any device.
         noise = np.random.default_rng(settings.seed).standard_normal(
             z0.shape, np.float32
         )
@@ -319,6 +333,8 @@ class Refinement:
             self._progress("refine", k + 1, settings.count)
             return model.step(prediction, z, k)
 
+        # Hold weights are per frame; the blend needs them per latent frame and per
+        # step.
         held_share = each_step(over_time(held_shares, grid), settings.count)
         z = fuse_latents(
             z0,
@@ -330,6 +346,7 @@ class Refinement:
             weight=self._weight,
             held_share=held_share[:, None, None, None],
         )
+        # Half precision overflows in some models, and NaN has no grey level.
         if not np.isfinite(z).all():
             raise Message.REFINED_NOT_FINITE.error(
                 "refine", str(model.note().get("dtype", ""))
@@ -343,6 +360,8 @@ class Refinement:
         at the end of the last latent frame are left out.
         """
         parts = zip(self._model.decode(z), self._model.decode(z0), strict=True)
+        # Both decoders yield parts of some frames: pair them part by part, then frame
+        # by frame.
         pairs = (pair for part in parts for pair in zip(*part, strict=True))
         return islice(pairs, self._count)
 

@@ -39,6 +39,7 @@ class Fit:
     def to_model(self, rgb: U8) -> U8:
         """Resize (H, W, 3) of `size` to `padded_size`, in linear light."""
         if self.scaled_size != self.size:
+            # Area averaging prevents aliasing, and only linear light has true averages.
             rgb = encode_u8(
                 cv2.resize(decode(rgb), self.scaled_size, interpolation=cv2.INTER_AREA)
             )
@@ -56,6 +57,7 @@ class Fit:
     def from_model(self, picture: F32) -> F32:
         """Resize (H, W, 3) of `padded_size` to `size`."""
         width, height = self.scaled_size
+        # The mirrored border is at the right and bottom only: cut it off first.
         picture = picture[:height, :width]
         if self.scaled_size != self.size:
             picture = np.asarray(
@@ -71,6 +73,7 @@ class Fit:
         )
         if not right and not bottom:
             return picture
+        # A side of one pixel has no second pixel to mirror.
         if min(self.scaled_size) > 1:
             edge = cv2.BORDER_REFLECT_101
         else:
@@ -82,6 +85,7 @@ class Fit:
 
 def fit_to_grid(size: Size, grid: Grid) -> Fit:
     """Return the conversion of frames of `size` for a model with this grid."""
+    # Small videos are never enlarged: this would add no detail.
     scale = min(1.0, sqrt(grid.area / (size[0] * size[1])))
     width, height = (max(1, round(side * scale)) for side in size)
     most_pixels = max(MOST * grid.area, grid.side**2)
@@ -106,6 +110,8 @@ def latent_frames(frames: int, grid: Grid) -> int:
     """
     if grid.stride == 1:
         return frames
+    # Causal video encoders give the first frame a latent frame of its own, and each
+    # later group of `stride` frames one.
     return 1 + ceil((frames - 1) / grid.stride)
 
 
@@ -130,6 +136,7 @@ def cell_coverage(coverage: Iterable[F32], latents: int, grid: Grid) -> F32:
     smaller = []
     for mask in coverage:
         height, width = mask.shape[0] // grid.cell, mask.shape[1] // grid.cell
+        # Split both axes into cells, and average within each cell.
         blocks = mask.reshape(height, grid.cell, width, grid.cell)
         smaller.append(blocks.mean(axis=(1, 3), dtype=np.float32))
     smaller += [smaller[-1]] * (frames_held(latents, grid) - len(smaller))
@@ -140,6 +147,7 @@ def over_time(values: F32, grid: Grid) -> F32:
     """Average values (F, ...) of frames to (F', ...) of latent frames."""
     if grid.stride == 1:
         return values
+    # The first frame has its own latent frame, so groups begin at the second one.
     rest = values[1:].reshape(-1, grid.stride, *values.shape[1:])
     means: F32 = np.concatenate([values[:1], rest.mean(axis=1, dtype=np.float32)])
     return means
@@ -156,6 +164,8 @@ def hold_weights(frames: int, held_frames: int) -> F32:
     if held_frames <= 0:
         return np.zeros(frames, np.float32)
     s = np.minimum(np.arange(frames) / held_frames, 1.0)
+    # Smoothstep: the slope is 0 at both ends, so the change has no visible start or
+    # end.
     return np.asarray(1 - s * s * (3 - 2 * s), np.float32)
 
 
@@ -173,7 +183,9 @@ def window_spans(total: int, window: int, overlap: int) -> list[Span]:
     """
     if total <= window:
         return [(0, total)]
+    # Each further window adds at most its length minus the overlap.
     count = 1 + ceil((total - window) / (window - min(overlap, window - 1)))
+    # Even spacing, so that the last window ends with the clip at full length.
     starts = np.floor(np.linspace(0, total - window, count)).astype(int).tolist()
     return [(start, start + window) for start in starts]
 

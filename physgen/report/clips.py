@@ -238,6 +238,7 @@ def _find_clips(root: Path) -> Iterator[Clip]:
             folders.clear()
             yield clip
             continue
+        # A change in place makes os.walk skip the removed folders.
         folders[:] = [name for name in folders if not name.startswith(".")]
         for name in files:
             if (
@@ -311,6 +312,7 @@ def _source(folder: Path, data: Mapping[str, Any]) -> Path | None:
     name = str(data.get("source") or "")
     if not name:
         return None
+    # `..` after a linked folder would lead to another place: resolve links first.
     path = Path(os.path.normpath(os.path.realpath(folder) + "/" + name))
     if path.is_file():
         return path

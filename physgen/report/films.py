@@ -80,6 +80,8 @@ def result_still(film: Path, *, middle: bool = False) -> bytes:
     count = 2
     if middle:
         count = 3
+    # The samples include both ends: of two, the second is the last frame; of three, the
+    # second is the middle one.
     frames = sample_frames(film, count, SIDE)
     if not frames:
         raise OSError(f"{film} has no frames")

@@ -116,6 +116,7 @@ def atomic_folder(final: Path) -> Iterator[Path]:
         _replace_folder(beside, final, old)
     except BaseException:
         shutil.rmtree(beside, ignore_errors=True)
+        # The earlier result must survive an interruption between both renames.
         if old.exists() and not final.exists():
             old.rename(final)
         raise
@@ -135,6 +136,7 @@ def _replace_folder(new_folder: Path, final: Path, old: Path) -> None:
             new_folder.rename(final)
             return
         except OSError as error:
+            # These errors mean that another command changed the folder in between.
             if left == 1 or error.errno not in (
                 errno.ENOENT,
                 errno.ENOTEMPTY,
@@ -180,6 +182,7 @@ def lost_files(manifest: Mapping[str, Any], new_files: Iterable[str]) -> str:
 
     Return "" if there are none.
     """
+    # A whole folder such as `truth` counts as one name.
     kept, there = (
         {str(name).partition("/")[0] for name in names}
         for names in (new_files, manifest.get("files", ()))

@@ -153,7 +153,7 @@ def _cards(
             card["result"] = results[k]
         else:
             card["result"] = ""
-        # Clips of several folders may have the same name.
+        # Only an ambiguous name needs the clip's folder.
         folder = ""
         if names[clip.name] > 1:
             folder = _folder(clip, home)
@@ -452,6 +452,7 @@ def sweep_files(files: Path, used_names: set[str]) -> None:
 
 
 def _has_mark(index: Path) -> bool:
+    # The mark is in the head of the page, near its beginning.
     with index.open("rb") as file:
         return MARK.encode() in file.read(2000)
 

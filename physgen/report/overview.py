@@ -136,7 +136,7 @@ def _regions(
         left, top, right, bottom = boxes[id_]
         # Trace each mask within its own box only, as photos have many small objects.
         outline = mask_rings(labels[top:bottom, left:right] == id_)
-        # Scaling about the corner of the picture, while pixel centres are integers.
+        # Scale about the picture's corner, half a pixel before the first centre.
         offset = np.array([left, top]) + 0.5
         rings = [(ring + offset) * scale - 0.5 for ring in outline]
         corners = (left * scale, top * scale, right * scale, bottom * scale)

@@ -428,6 +428,7 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
     speed, small_speed = value_text(body.velocity), ""
     if is_scaled(scene):
         meter = scene.world.pixels_per_meter
+        # A moment of inertia contains the square of a length.
         in_centimeters = body.moment * (CENTIMETERS / meter) ** 2
         moment, small_moment = (
             rounded(in_centimeters, METRIC_DIGITS),

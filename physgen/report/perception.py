@@ -81,6 +81,7 @@ class Comparison:
         )
         if not change.any():
             return 50
+        # The column with half of all changes at its left.
         return round(
             100
             * float(np.searchsorted(change.cumsum(), change.sum() / 2))
@@ -112,6 +113,7 @@ def doubt_text(name: str, confidence: float | None) -> str:
 def mask_rings(mask: NDArray[np.bool_]) -> list[Array]:
     """Return the outlines (K, 2) px of a mask (H, W), through its outermost pixels."""
     own = mask.astype(np.uint8)
+    # This mode finds outer borders and those of holes.
     rings, _ = cv2.findContours(own, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     return [ring[:, 0, :].astype(np.float64) for ring in rings]
 
@@ -364,7 +366,7 @@ def _draw_outlines(
     size = picture.shape[1], picture.shape[0]
     pale_photo, lines = _u8(0.62 * picture.astype(np.float32)), Layer(size, 0.8)
     for chain in walls:
-        # Scaling moves the border of pixels, half a pixel before their centres.
+        # Scale about the picture's corner, half a pixel before the first centre.
         lines.line((chain + 0.5) * scale - 0.5, 2.2)
     lines.blend(pale_photo, SUPPORT)
     for number, rings in objects:
@@ -436,6 +438,7 @@ def light_description(light: Light) -> str:
             where = f"the {horizontal}"
         else:
             where = vertical
+    # A light almost in the plane of the picture is neither in front nor behind.
     if abs(z) < 0.2:
         depth = ""
     else:

@@ -105,6 +105,7 @@ def plate(stage: Stage, moving: Sequence[int]) -> str:
     background = stage.background
     # Shadows of moving sprites are separate pictures.
     if stage.lit_background is not None and moving:
+        # Shadows of several objects add up as logarithms of the remaining light.
         shadow_share = stage.lit_background.total.copy()
         for k in moving:
             if (full_plate := stage.lit_background.casts[k].picture) is not None:
@@ -178,6 +179,7 @@ def _cut(sprite: Sprite, display_scale: float, scale: float) -> dict[str, Any]:
         "face": round(sprite.face / scale, 3),
         "src": webp(_smaller(pixels, display_scale), LIMITS.quality),
     }
+    # The script turns a skin pixel by pixel, and not at another scale.
     is_small = display_scale == 1 and alpha.size <= LIMITS.large
     if ball is not None and not is_plain and is_small:
         picture["ball"] = _ball_data(ball, (rows, columns), (left, top))
@@ -241,6 +243,7 @@ def _place_box(box: PixelBox, scale: float) -> list[float]:
     pixel.
     """
     x0, y0, x1, y1 = box
+    # A pixel's border is half a pixel before its centre.
     return [
         round(v, 3)
         for v in (
@@ -290,6 +293,7 @@ def shadows(
     keys: dict[int, list[int]] = {}
     for k in moving:
         body = stage.sprites[k].body
+        # Distance of the border from the centre, as a bound for a turn's effect.
         reach = max(stage.sprites[k].coverage.shape) / 2
         if lit.casts[k].sliding is not None:
             keys[k] = [0]
@@ -335,6 +339,7 @@ def _measure_darkening(
     if cast.sliding is not None:
         (x, y), dark = cast.sliding
         return (x, y, x + dark.shape[1], y + dark.shape[0]), dark
+    # An object at its place in the photo has the shadow of the photo.
     if stand.start == stand.pose:
         return cast.picture
     now = None
@@ -355,6 +360,7 @@ def _measure_darkening(
     if contact is not None:
         rows, columns = contact.box
         box = (columns.start, rows.start, columns.stop, rows.stop)
+        # The page's shadows are black: the green channel is nearest to brightness.
         green_light = np.maximum(contact.factor[..., 1], LIMITS.least_light)
         parts.append((box, -np.log(green_light)))
     if parts:
@@ -408,15 +414,16 @@ Data = dict[str, Any]
 def _largest_impacts(world: World, samples: Trajectory) -> list[Impact]:
     """Return the impacts with the largest impulses, by time."""
     frame_time = world.duration / max(len(world.times), 1)
-    # A page with all impacts of a heap would be slow: keep the strongest ones.
     impacts = find_impacts(world, samples, frame_time / LIMITS.finer)
+    # A page with all impacts of a heap would be slow: keep the strongest ones.
     largest = sorted(impacts, key=lambda impact: -impact.impulse)
     return sorted(largest[: LIMITS.most_impacts], key=lambda impact: impact.time)
 
 
 def _code_steps(samples: Trajectory) -> dict[str, float]:
     """Return the units of the page's integers."""
-    # The page stores integers: a unit is the largest value by the number of codes.
+    # The page stores integers: a unit is the largest value divided by
+    # the number of codes.
     fastest = float(np.abs(samples.velocities[..., :2]).max(initial=0.0))
     spin = float(np.abs(samples.velocities[..., 2]).max(initial=0.0))
     return {
@@ -439,9 +446,9 @@ def player_data(
     objects have only their frames, without impacts.
     """
     T, N = len(trajectory.times), len(world.bodies)
+    # A page must load quickly: motion with too many samples has no player at all.
     if not T or LIMITS.max_samples < T * N:
         return None
-    # A page must load quickly: motion with too many samples has no player at all.
     samples, impacts = trajectory, list[Impact]()
     # Contacts between frames need finer samples than the video's.
     if N and T > 1 and trajectory.effort.steps * N <= LIMITS.effort:
@@ -456,6 +463,7 @@ def player_data(
         **fixed_data(scene, world),
         "steps": steps,
         "times": column(samples.times, LIMITS.instant),
+        # Half a step of tolerance: the time of a frame's sample may be rounded down.
         "frames": np.searchsorted(
             samples.times, trajectory.times - LIMITS.instant / 2
         ).tolist(),
@@ -562,6 +570,7 @@ def _steady(turns: Array) -> Array:
     choose the one nearer to the previous.
     """
     # The page interpolates components: a change of sign would spin the ball.
+    # A change of sign holds for all later samples, up to the next change.
     signs = np.cumprod(np.where((turns[1:] * turns[:-1]).sum(axis=1) < 0, -1.0, 1.0))
     return np.asarray(turns * np.concatenate([[1.0], signs])[:, None])
 

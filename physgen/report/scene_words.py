@@ -67,6 +67,7 @@ def sentence_of(file: Path) -> str:
             head = stream.read(HEAD_BYTES)
     except (OSError, ValueError):
         return ""
+    # The block may end within a character of several bytes.
     return first_sentence(head.decode("utf-8", "ignore"))
 
 

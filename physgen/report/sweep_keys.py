@@ -81,6 +81,7 @@ def _split(clips: Sequence[Clip], values: Sequence[Value | None]) -> tuple[int, 
     for value, clip in zip(values, clips, strict=True):
         if clip.document:
             own_values.append(value)
+    # Two keys that split the clips alike give equal tuples, whatever their values are.
     return tuple(map(own_values.index, own_values))
 
 
@@ -128,6 +129,7 @@ def _edits(clip: Clip) -> dict[KeyPath, Value]:
     for text in clip.overrides:
         try:
             edit = edit_of_flag(text, Source("--set", Path()))
+        # An older record may have settings that are no longer valid.
         except InputError:
             continue
         parts = re.findall(r"[^.\[\]]+", edit.key)

@@ -112,8 +112,9 @@ def _path(points: Array, world: World) -> str:
     # Resting bodies would only add dots.
     if np.hypot(*np.ptp(points, axis=0)) < LIMITS.visible * max(world.size):
         return ""
+    # The page scales the canvas to its width, and the deviation with it.
     error = LIMITS.path_error * max(world.size) / 640
-    # Douglas and Peucker's algorithm removes points that the eye would not miss.
+    # Douglas and Peucker's algorithm removes points within this distance of the path.
     kept = cv2.approxPolyDP(
         np.ascontiguousarray(points, np.float32)[:, None], error, False
     )[:, 0]

@@ -56,6 +56,7 @@ def _dotted_key_advice(edit: Edit) -> str:
     """Return advice on setting one value, for an edit that replaces a whole section."""
     value = edit.value
     path = [edit.key]
+    # The first single value of the section serves as the example.
     while isinstance(value.value, dict) and value.value:
         key, value = next(iter(value.value.items()))
         path.append(key)

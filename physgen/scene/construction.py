@@ -283,6 +283,7 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
         roll=item["roll"] if isinstance(item["roll"], str) else _pair(item["roll"]),
         motion=parts.Motion.SCRIPTED if path else parts.Motion(item["motion"]),
         loop=isinstance(item["motion"], dict) and item["motion"].get("loop", False),
+        # A knot is time, x, y and an optional angle, 0 by default.
         path=tuple(
             parts.Waypoint(float(k[0]), _pair(k[1:3]), float([*k, 0][3])) for k in path
         ),

@@ -185,6 +185,7 @@ def decode(data: bytes, name: str) -> str:
     if len(data) > Limit.BYTES.most:
         raise Limit.BYTES.error(Place(name))
     try:
+        # This decoder removes the byte order mark of some editors.
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         # A photo or an archive in place of a scene is the most common mistake.
@@ -291,8 +292,8 @@ class _Reader:
         key: str | None = None
         # Place of the key.
         key_place: tuple[int, int] | None = None
-        # Local names are faster than attributes in the loop over all events.
         documents = nodes = line = column = 0
+        # Local names are faster than attributes in the loop over all events.
         most_nodes = Limit.VALUES.most
         most_levels = Limit.DEPTH.most
         for event in events:
@@ -364,6 +365,7 @@ class _Reader:
         if len(stack) == 2 and len(siblings) == Limit.OBJECTS.most:
             top = stack[0].value
             assert isinstance(top, dict)
+            # The last key read so far is the section of this mapping.
             if next(reversed(top)) == "objects":
                 raise Limit.OBJECTS.error(self._place(event), "objects")
         return key

@@ -175,6 +175,7 @@ def read_bases(
 def merge_bases(chain: Sequence[Node]) -> Node:
     """Return the merged tree of extended files, without `extends`."""
     tree = chain[-1]
+    # From the last base to the opened file, whose values win.
     for extension in reversed(chain[:-1]):
         tree = merge(tree, extension)
     assert isinstance(tree.value, dict)
@@ -337,6 +338,7 @@ class Record:
             sources = item_data["from"]
         else:
             sources = wrote.get("from")
+        # A value that differs from the recorded one is the user's.
         return {
             key: text
             for key, text in (sources.items() if isinstance(sources, Mapping) else ())

@@ -44,6 +44,7 @@ def room(photo: Size, video: Size, zoom: float) -> tuple[Point, Point]:
     large = magnification(photo, video, zoom)
     low, high = [], []
     for side, visible_length in zip(photo, video, strict=True):
+        # Half of the visible length, in pixels of the photo.
         half_share = visible_length / (2 * large)
         middle = (side - 1) / 2
         # Without room, rounding must not exclude the middle.
@@ -71,5 +72,6 @@ def affine(photo: Size, video: Size, center: Point, zoom: float) -> tuple[float,
     (2.0, (0.5, 0.5))
     """
     large = magnification(photo, video, zoom)
+    # Pixel centres are integers, so that the middle of the video is (side - 1)/2.
     x, y = ((side - 1) / 2 - large * c for side, c in zip(video, center, strict=True))
     return large, (x, y)

@@ -246,6 +246,7 @@ def _problems_of_variants(
     the file itself.
     """
     variants = list(variants_of(root))
+    # So many faults of the file itself come first.
     if not variants or len(own_findings.problems) > 100:
         return
     edits = sum(1 + len(children(node)) for _, node in variants)
@@ -351,8 +352,10 @@ def _is_perceived_value(root: Node, file: Node, path: Sequence[str]) -> bool:
     node = children(root, *path[:-1]).get(path[-1])
     if node is None:
         return True
+    # The file with the key `assets` is the perceived one.
     if node.source != children(root)["assets"].source:
         return False
+    # Trees share unchanged nodes: an edited value is another node.
     return node is children(file, *path[:-1]).get(path[-1])
 
 

@@ -198,6 +198,7 @@ def _set(
     else:
         _put(new_children, step, path, depth, edit, star, place_path)
     if node is None or not is_mapping:
+        # A new mapping has the place of the edit, for messages.
         node = edit.value
     return Node(new_children, node.source, node.line, node.column, node.key)
 
@@ -227,6 +228,7 @@ def _put(
     if is_last and edit.value.value is None:
         if key in new_children:
             del new_children[key]
+        # With a star, some of the objects may lack the key.
         elif not star:
             raise _nothing_to_remove(new_children, key, edit, place_path)
         return

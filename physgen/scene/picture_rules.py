@@ -132,7 +132,7 @@ def check_refine(
         fix = registry.suggestion(str(backend.value), known)
         unknown = Message.UNKNOWN_REFINER.refusal(fix=fix)
         tree.findings.value(backend, ("refine", "backend"), unknown)
-    # Defaults count too: a small strength may need more steps.
+    # If only one of both keys is written, the default of the other one counts.
     steps, strength = (
         parts[key].value
         if key in parts
@@ -145,6 +145,8 @@ def check_refine(
         and steps * strength < 0.5
     ):
         wrong = parts.get("strength", parts.get("steps", backend))
+        # Steps times strength is rounded: from 0.5 on, one step runs. The suggestion is
+        # rounded up to two digits.
         problem = Message.NO_STEP.problem(
             wrong.place,
             ("refine", "strength"),

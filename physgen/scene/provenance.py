@@ -93,6 +93,7 @@ class Provenance:
             return source(provenance)
         if place is None:
             return Source("default", "default")
+        # Only flags have no lines.
         if not place.line:
             return Source("flag", "--set")
         if place in self._edited:
@@ -109,6 +110,7 @@ class Provenance:
         """Return whether an entry of `from` still describes a number: no later place
         sets the number again.
         """
+        # A recorded source has no place: it is older than variants and flags.
         if value is None or entry is None:
             return value is None or self._rank(value) < 2
         # The order of several base files is unknown here.

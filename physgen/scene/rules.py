@@ -65,6 +65,7 @@ class Files:
             try:
                 self._sizes[key] = stamp, image_size(path, path_text)
             except RefusedError as error:
+                # A refusal is stored too: each variant has the same fault.
                 self._sizes[key] = stamp, error
         size = self._sizes[key][1]
         if isinstance(size, RefusedError):
@@ -164,6 +165,7 @@ class _Rules:
             self.ground.size = self.files.size(path, str(image.value))
             self.ground.image = path
         except RefusedError as error:
+            # A missing assets folder has its own message.
             if not self.is_in_missing_assets(image):
                 self.report(error.problem(image.place, "image", shown(image.value)))
 
@@ -214,7 +216,7 @@ class _Rules:
         """Return the fix for a missing assets folder."""
         image = self.tree.top.get("image")
         fix = RESTORE_ASSETS
-        # The photo of a scene may be in its assets: then the advice must be another one.
+        # If the photo was in the missing folder, perceiving it again is impossible.
         if image is not None and self.is_in_missing_assets(image):
             fix = RESTORE_PHOTO
         if self._is_own_folder(node):

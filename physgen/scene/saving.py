@@ -179,11 +179,13 @@ def is_written_folder(assets: Path) -> bool:
     if assets.is_symlink() or not checksums:
         return False
     unlisted_names = {WRITTEN_FILE}
+    # Earlier versions kept the checksums in this file, which cannot contain its own.
     if RECORD not in checksums:
         unlisted_names.add(RECORD)
     for file in assets.iterdir():
         if file.name in unlisted_names:
             continue
+        # A cache can be made again, and its files have no checksums.
         if file.name == CACHE_FOLDER and file.is_dir() and not file.is_symlink():
             continue
         if not _has_checksum(file, checksums):

@@ -94,6 +94,7 @@ def _scale(value: Any, schema: Schema, unit: str, path: KeyPath, factor: float) 
     if not isinstance(value, int | float):
         return value
     if _is_position(unit, path):
+        # The photo's border, half a pixel before 0, is the fixed point.
         return _round_estimate(factor * (value + 0.5) - 0.5, value)
     # Torques have px²: the power of px in the unit decides.
     power = 0

@@ -62,7 +62,7 @@ def _items(
     points, which pass without a call of jsonschema.
     """
     if isinstance(instance, list):
-        # A call of jsonschema per number is slow, and outlines have thousands of numbers.
+        # A call of jsonschema per number is slow, and outlines have thousands of them.
         accepts = _quick_test(part)
         for index, item in enumerate(instance):
             if not accepts(item):
@@ -184,6 +184,7 @@ def _quick_list(schema: Schema) -> Test:
             and shortest <= len(value) <= longest
             and all(map(item_test, value))
         )
+    # A list may be shorter than the sequence: its length has its own limits.
     return lambda value: (
         type(value) is list
         and shortest <= len(value) <= longest
@@ -196,10 +197,10 @@ def _refuse(value: Any) -> bool:
 
 
 def _quick_mapping(schema: Schema) -> Test:
+    # Tests are built once, since a scene is validated on every edit.
     tests = {}
     for key, part in schema.get("properties", {}).items():
         tests[key] = _quick_test(part)
-    # Tests are built once, since a scene is validated on every edit.
     rest = schema.get("additionalProperties", {})
     other: Test = _refuse
     if isinstance(rest, dict):

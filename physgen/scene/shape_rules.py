@@ -122,6 +122,7 @@ def _check_areas(tree: CheckedTree, kinds: dict[str, Node], path: KeyPath) -> No
     for outline_path, node, crossing in outlines_of(None, kinds):
         points = points_of(node)
         area = abs(_signed_area(points))
+        # Only the area of a body matters to the engine, and not that of a hole.
         if "holes" in outline_path or area >= LEAST_AREA:
             continue
         if outline_fault(points, crossing) is not None:
@@ -307,6 +308,7 @@ def outline_fault(points: Sequence[Corner], crossing: bool) -> RefusedError | No
     xs = [x for x, _ in points]
     ys = [y for _, y in points]
     extent = (max(xs) - min(xs)) * (max(ys) - min(ys))
+    # All points are on one horizontal or vertical line.
     if extent == 0:
         return Message.OUTLINE_FLAT.refusal()
     if crossing:
@@ -317,6 +319,7 @@ def outline_fault(points: Sequence[Corner], crossing: bool) -> RefusedError | No
             return Message.OUTLINE_CROSSES.refusal(first=pair[0], second=pair[1])
     # The tolerance is relative to the box, so that small outlines count.
     is_flat = abs(_signed_area(points)) < 1e-12 * extent
+    # The outline of a mask may cross itself, and its signed areas may then cancel.
     if is_flat and (crossing or len(points) < 4):
         return Message.OUTLINE_FLAT.refusal()
     return None
@@ -346,6 +349,7 @@ def _crossing(points: tuple[Corner, ...]) -> tuple[int, int] | None:
     compared = 0
     for start in range(0, len(lines), BLOCK):
         first, second = tree.query(lines[start : start + BLOCK])
+        # The query counts from the start of the block.
         first += start
         compared += len(first)
         if compared > Limit.CROSSINGS.most:

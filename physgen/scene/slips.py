@@ -65,6 +65,7 @@ def meant_number(text: str, unit: str) -> str | None:
     """Return the intended number of a text, with its unit if written."""
     if len(text) > LONGEST_SLIP:
         return None
+    # A comment or a punctuation mark after a number does not belong to it.
     text = normalize_text(text).split("#")[0].rstrip(" ,;.")
     if has_decimal_comma(text):
         point_text = text.replace(",", ".")

@@ -95,6 +95,7 @@ def _wrong_indent(
         return None
     line = _line(lines, mark.line)
     spaces = _indent(line)
+    # A wrong indentation makes the parser stop at the first word of a line.
     if line[: mark.column].strip() not in ("", "-") or not line.strip():
         return None
     # The indentation above is right, since the reader accepted it.
@@ -119,6 +120,7 @@ def _quote_in_quotes(
     if "did not find expected" not in (error.problem or ""):
         return None
     before = _line(lines, mark.line)[: mark.column].rstrip()
+    # The parser ends the text at an inner quote, and stops at the next word.
     quote = before[-1:]
     if quote not in ("'", '"'):
         return None
@@ -139,6 +141,8 @@ def _open_bracket(
     bracket = "{"
     if "']'" in problem:
         bracket = "["
+    # A line without a comma is probably outside the brackets: the closing one is
+    # missing.
     if mark.line > context.line and ("," not in _line(lines, mark.line)):
         return SyntaxFault(
             context.line + 1,

@@ -186,6 +186,7 @@ class _Fault:
             node = content[key]
             self.chain.append(node)
             schema = inner(schema, key) or {}
+            # Items of a list have the unit of the list.
             self.unit = schema.get("x-unit", self.unit if isinstance(key, int) else "")
         self.node, self.schema = node, schema
         kinds = schema.get("type", "")
@@ -198,6 +199,7 @@ class _Fault:
     def report(self, findings: Findings) -> None:
         """Report the message, and mark the values that other rules cannot use."""
         keyword = str(self.error.validator)
+        # Such an error is about a key and not about its value.
         if "propertyNames" in self.error.schema_path:
             self._name(findings)
         elif keyword == "additionalProperties":
@@ -450,6 +452,7 @@ class _Fault:
     def _report_missing_keys(self, findings: Findings) -> None:
         value = self.node.value
         assert isinstance(value, dict)
+        # A misspelt key has a message of its own, which names the missing one.
         misspelt = misspelt_keys(value, self.schema["properties"])
         for key in self.schema["required"]:
             if key not in value and key not in misspelt:
@@ -504,6 +507,7 @@ class _Fault:
             unknown = Message.UNKNOWN_KEY
             findings.report(unknown.problem(child.key_place, key_path, fix=fix))
             findings.bad.add(child)
+        # Without exactly one kind, no other rule can use the entry.
         if (
             self.schema.get("maxProperties") == 1
             and sum(key in known_keys for key in value) != 1
@@ -528,12 +532,14 @@ class _Fault:
         if alias:
             return did_you_mean(alias)
         close, likeness = _nearest_key(key, known_keys)
+        # A key of another section, unless a key of this one is almost equal.
         if homes and likeness < SURE:
             return f"it belongs to {listed(self._nearest_of(homes))}"
         if kinds:
             close, likeness = _nearest_key(key, kinds)
         if close and (not kinds or likeness >= SURE):
             return did_you_mean(close)
+        # At the top of the file, a key of a section may also be misspelt.
         if not kinds and not self.path:
             parent, likeness = _nearest_key(key, parents())
             if parent and likeness >= SURE:

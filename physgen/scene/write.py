@@ -83,6 +83,7 @@ class _Writer:
     def __init__(self, comments: Mapping[str, str]) -> None:
         self.comments = comments
         path_parts = (re.split(r"(?=[.\[])", path) for path in comments)
+        # A value with a comment inside it needs lines of its own.
         self.commented = {
             "".join(parts[:n]) for parts in path_parts for n in range(len(parts))
         }
@@ -146,6 +147,7 @@ class _Writer:
                 return True
         elif isinstance(value[0], Mapping):
             return True
+        # A line slightly too long is easier to read than a broken one.
         if path[-1:] == ("from",) or length <= WIDTH + 8:
             return False
         return not (_points(value) or _WRAPPED(key_path))
@@ -181,6 +183,7 @@ def _wrap_line(first: str, start: str, indent: str, text: str) -> Iterator[str]:
         yield first
         return
     line = f"{start} "
+    # A list of points breaks only between points, and never within one.
     for part in re.split(
         r"(?<=,) (?=\[|[a-z])" if "[" in text[1:] else r"(?<=,) ", text
     ):

@@ -79,6 +79,7 @@ def _insert_comment(text: str, key: str, words: str) -> str:
     # A user's own comment on the line stays alone there.
     is_short = stop - first + len(words) <= LONGEST and "#" not in text[first:stop]
     child = parent.children[index]
+    # A block begins below its key, so that the line of the key has room for a comment.
     if is_short and (child.end <= stop or not (child.is_flow or child.kind is str)):
         return apply_patches(text, (stop, stop, f"  # {words}"))
     line = f"{text[first:begin]}# {words}{newline(text)}"
@@ -221,6 +222,7 @@ def _with_words(text: str, number: int, words: str) -> str:
     if is_whole and not words:
         del lines[number]
         return "\n".join(lines)
+    # A comment after a value begins at the last mark on its line.
     before = line[: line.index("#")] if is_whole else line.rpartition(" #")[0] + " "
     lines[number] = (before + f"# {words}" if words else before.rstrip()) + end
     return "\n".join(lines)

@@ -140,6 +140,8 @@ def _mark_tree(node: Any, text: str) -> MarkedValue:
     kind: type = list
     if isinstance(node, yaml.MappingNode):
         kind = dict
+    # The parser ends a block at the next token, after comments and blank lines; here
+    # its last value ends it.
     return MarkedValue(
         kind,
         flow,
@@ -159,6 +161,8 @@ def entry(text: str, parent: MarkedValue, index: int) -> int:
         return parent.children[index].begin
     if index == 0:
         return parent.begin
+    # The parser gives no position of a dash: find the line with a dash in the column of
+    # the list.
     place = line_after(text, parent.children[index - 1].end)
     while (
         text[place : place + parent.column].strip(" ")
@@ -219,6 +223,7 @@ def joint(text: str, node: MarkedValue, before: MarkedValue) -> str:
         begin = node.keys[node.children.index(before)][1]
     else:
         begin = before.begin
+    # A new entry gets the indentation of the one before it.
     if leads(text, begin) and line_begin(text, begin) > node.begin:
         return "," + newline(text) + text[line_begin(text, begin) : begin]
     return ", "
@@ -262,6 +267,7 @@ def parent_of(text: str, path: KeyPath) -> tuple[MarkedValue, int]:
 
 def apply_patches(text: str, *patches: Patch) -> str:
     """Return the text with patches. They must not overlap."""
+    # From the end of the text, so that earlier positions stay valid.
     for begin, end, new in sorted(patches, reverse=True):
         text = text[:begin] + new + text[end:]
     return text
@@ -274,6 +280,7 @@ def write(text: str, data: dict[str, Any]) -> str:
     """Return the text of a file with the content `data`. Raise EditError."""
     try:
         new_text = put(text, (), data)
+        # A block of YAML inside JSON is valid YAML, but no longer JSON.
         if is_json(text) and not is_json(new_text):
             new_text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
         # The result is read again: a wrong text must never replace a user's file.
@@ -312,6 +319,7 @@ def _drop(text: str, path: KeyPath) -> str:
         return apply_patches(text, _cut(text, parent, index, begin))
     first = _first_line(text, parent, index)
     stop = _last_line(text, parent, index)
+    # Of the blank lines around a removed entry, only one stays.
     if _is_blank_line(text, stop) and first and _is_blank_line(text, first - 1):
         stop = line_after(text, stop)
     # Without a break at the end of the file, the new last line needs none.
@@ -439,6 +447,7 @@ def _insert(text: str, path: KeyPath, value: Any) -> str:
             text, patch_below(text, node.children[index - 1].end, lines)
         )
     begin = entry(text, node, 0)
+    # The first dash already has its indentation before it.
     return apply_patches(
         text, (begin, begin, (newline(text).join([*lines, indent]))[node.column :])
     )
@@ -661,6 +670,7 @@ def _common_keys(node: MarkedValue, value: Any) -> list[str | int] | None:
 def _inside(text: str, node: MarkedValue, value: Any, path: KeyPath) -> Patch:
     """Return the patch of a value in brackets."""
     gap = ""
+    # An empty value ends at the colon, which needs a space behind it.
     if node.begin == node.end:
         gap = " "
     inner = _inline(text, value, path)
@@ -751,6 +761,7 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
     first = first[len(start) :]
     if isinstance(value, str) and node.kind is str:
         first = " " + _quoted_as(text, node.style, value, first.strip())
+    # The value becomes a block below its key; a comment stays on the line of the key.
     if rest and not first and _is_on_one_line(node):
         return [(colon + 1, node.end, ""), patch_below(text, node.end, rest)]
     return [(colon + 1, end, newline(text).join([first + header, *rest]))]

@@ -200,6 +200,7 @@ def _momenta_error(names: Sequence[str], run: Run) -> Errors:
         intrinsic = body.moment * track.spin
         momentum = momentum + own_momentum
         angular_momentum = angular_momentum + (orbital + intrinsic)
+        # Momenta may cancel at the start: their sizes give the scale.
         momentum_scale += np.hypot(*own_momentum[0])
         angular_scale += abs(orbital[0]) + abs(intrinsic[0])
         spin_changes.append(abs(track.spin[-1] - track.spin[0]))

@@ -142,6 +142,7 @@ def _dominoes(draw: Draw) -> Case:
     for k in range(1, 8):
         center = (40 + k * distance, 180 - height / 2)
         objects[f"domino-{k}"] = box(center, (9, height), mass=mass, **surface)
+    # The force acts on the left face, 5 px below the top, so that the domino tips.
     push = {
         "object": "domino-1",
         "force": [mass * 600.0, 0.0],

@@ -113,6 +113,7 @@ def _flight(
     # The highest sample has the smallest rest of the speed, and so the least error.
     flight_speeds = np.abs(vy[first_sample : last_sample + 1])
     top = first_sample + int(np.argmin(flight_speeds))
+    # In free fall the speed changes by g per second, so that each end has a known time.
     return Flight(
         begin=float(times[first_sample] - (vy[first_sample] + start_speed) / gravity),
         end=float(times[last_sample] + (impact_speed - vy[last_sample]) / gravity),

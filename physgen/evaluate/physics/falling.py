@@ -125,6 +125,7 @@ def _path_error(throws: Mapping[str, _Throw], run: Run) -> Errors:
         # Upwards is negative in the picture.
         drop = GRAVITY * times**2 / 2 - vy * times
         parabola = np.stack([vx * times, drop], axis=1)
+        # The chords of the parabola give its length so far.
         steps = np.diff(parabola, axis=0)
         path = np.hypot(*steps.T).cumsum()
         # At t = 0, the path has no length to compare with.
@@ -201,6 +202,7 @@ def _bounce_errors(drops: Mapping[str, _Drop], run: Run) -> Errors:
     """
     speeds, heights = [], []
     for name, drop in drops.items():
+        # A contact takes place with the centre one radius above the pad.
         floor = ONE_BOUNCE.floor - drop.radius
         flights = find_flights(run.track(name), floor, GRAVITY)
         if len(flights) < 2:
@@ -273,12 +275,14 @@ class _Air:
         k = self.drag * width / mass
         # For u = wind - v: u' = -k u².
         if self.wind is not None:
+            # The solution is u = wind/(1 + wind k t), and its integral a logarithm.
             fading = self.wind * k * times
             speeds = self.wind - self.wind / (1 + fading)
             return speeds, self.wind * times - np.log1p(fading) / k
         # At the terminal speed, drag equals weight; v = u tanh(g t/u) approaches it.
         final = sqrt(GRAVITY / k)
         speeds = final * np.tanh(GRAVITY * times / final)
+        # The integral of tanh is ln cosh.
         stretch = np.log(np.cosh(GRAVITY * times / final))
         distances = final**2 / GRAVITY * stretch
         return speeds, distances

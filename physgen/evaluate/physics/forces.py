@@ -146,6 +146,7 @@ class _Ride:
         rotation = np.array([[c, -s], [s, c]])
         work = float(self.force @ (rotation @ self.arm - self.arm))
         speed = sqrt(max(2 * work / self.moment, 0.0))
+        # The energy of the spin does not contain its sense.
         return float(np.sign(track.spin[-1])) * speed
 
 
@@ -209,6 +210,7 @@ def kepler(axis: float, eccentricity: float, strength: float, times: Array) -> A
     The motion begins at the farthest place. `axis` is the half long axis, px;
     `strength` px³/s². Newton's method solves Kepler's equation M = E - e sin E.
     """
+    # The mean anomaly is 0 at the nearest place, and pi at the farthest.
     mean = pi + times * sqrt(strength / axis**3)
     anomaly = mean.copy()
     for _ in range(NEWTON_STEPS):
@@ -218,6 +220,7 @@ def kepler(axis: float, eccentricity: float, strength: float, times: Array) -> A
     short_axis = axis * sqrt(1 - eccentricity**2)
     x = axis * (np.cos(anomaly) - eccentricity)
     y = short_axis * np.sin(anomaly)
+    # The ellipse has its farthest place at -x: turn it by half a turn.
     return -np.stack([x, y], axis=1)
 
 

@@ -95,6 +95,7 @@ def _head_on(draw: Draw) -> list[Case]:
         # Momentum and Newton's rule determine both velocities: masses in the ratio 1 to
         # 3 leave neither of them at its old speed in general.
         collision = _Collision(angle, speed, elasticities[k])
+        # In a central hit without spin nothing slides: friction must change nothing.
         surface = {
             "friction": draw.number(0, 0.6),
             "elasticity": collision.elasticity,
@@ -194,6 +195,8 @@ def _lane_distances(lane: str, step: float, has_cue: bool) -> dict[str, float]:
     """Return the places of the balls of a lane along it, px; the moving one first."""
     distances = {}
     if has_cue:
+        # The cue ball would touch the row one step before the first ball, and starts
+        # farther away.
         distances[f"{lane}-cue"] = -100 - step - CUE_DISTANCE
     for k in range(1, 6):
         distances[f"{lane}-{k}"] = -100 + (k - 1) * step
@@ -244,6 +247,7 @@ def _oblique_errors(center_lines: Sequence[Point], run: Run) -> Errors:
     for k, center_line in enumerate(center_lines):
         cue_velocity = run.track(f"cue-{k}").velocity[-1]
         struck_velocity = run.track(f"struck-{k}").velocity[-1]
+        # Equal masses without a loss: momentum and energy together leave a right angle.
         right_angles.append(abs(abs(_angle(cue_velocity, struck_velocity)) - 90))
         lines.append(abs(_angle(struck_velocity, center_line)))
     return {"paths": worst(right_angles), "line of centres": worst(lines)}
@@ -311,9 +315,13 @@ class _Hit:
         m = self.body.mass
         k = self.body.inertia
         if self.partner is None:
+            # A wall does not move. The contact point of the body moves by J/m with its
+            # centre and by J R²/I = J/(k m) with its turn.
             return m / (1 + 1 / k)
         m2 = self.partner.mass
         k2 = self.partner.inertia
+        # Both bodies move and turn, and each of the four parts adds to the sliding
+        # speed.
         return 1 / (1 / m + 1 / m2 + 1 / (k * m) + 1 / (k2 * m2))
 
     def friction_limit(self) -> float:
@@ -322,6 +330,7 @@ class _Hit:
         reduced_mass = m
         if self.partner is not None:
             reduced_mass = m * self.partner.mass / (m + self.partner.mass)
+        # Coulomb's limit: mu times the normal impulse, (1 + e) m_red v.
         return self.friction * (1 + self.elasticity) * reduced_mass * self.speed
 
     def friction_impulse(self, spin: float) -> float:
@@ -432,6 +441,7 @@ def _transfer_errors(changes: Mapping[str, Sequence[_Change]], run: Run) -> Erro
         deviations = []
         for change in kind_changes:
             track = run.track(change.name)
+            # The hit is along x, so that friction acts along y.
             speed_change = track.velocities[-1, 1] - track.velocities[0, 1]
             deviations.append(abs(speed_change / change.speed - 1))
             spin_change = track.spin[-1] - track.spin[0]

@@ -61,6 +61,7 @@ def _hang(
     arm = draw.number(50, 90, 1)
     mass = draw.mass()
     angle = radians(degrees)
+    # At an angle of 0 the body hangs straight below its pin; y points down.
     center = pivot + arm * np.array([side * sin(angle), cos(angle)])
     if name == "bob":
         radius = draw.number(14, 26)
@@ -68,6 +69,7 @@ def _hang(
         moment = mass * radius**2 / 2
     else:
         width = draw.number(10, 20)
+        # The rod reaches 5 px past its pin.
         height = round(2 * arm + 10, 1)
         body = box(center, (width, height), -side * degrees, mass=mass)
         moment = mass * (width**2 + height**2) / 12
@@ -99,6 +101,7 @@ def _pendulum(draw: Draw) -> list[Case]:
         objects[name] = body
         joints[f"{name}-pin"] = pin
         swings[name] = swing
+    # The third pass comes after 5/4 of the period.
     duration = 1.3 * max(swing.period for swing in swings.values())
     document = scene((640, 390), duration, objects, joints=joints)
     return [Case(document, partial(_period_error, swings))]
@@ -206,10 +209,12 @@ def _spring_errors(springs: Mapping[str, _Spring], run: Run) -> Errors:
     frequencies, amplitudes = [], []
     for lane, spring in springs.items():
         track = run.track(lane)
+        # The stretch: the distance from the anchor less the length at rest.
         x = track.x - ANCHOR_X - spring.length
         rate = track.velocities[:, 0]
         if lane == "pair":
             partner = run.track("partner")
+            # The partner is at the place of the anchor, and moves.
             x = x + ANCHOR_X - partner.x
             rate = rate - partner.velocities[:, 0]
         # The phase and amplitude of this pair need no search for zeros and maxima.
@@ -244,6 +249,7 @@ class _Weight:
 
     def moment(self) -> float:
         """Return the moment of inertia about the pin, g·px²."""
+        # A square of side s has the moment m s²/6 about its own centre.
         return self.mass * (self.arm**2 + self.height**2 + self.side**2 / 6)
 
 
@@ -259,6 +265,7 @@ class _Tilt:
     def rate(self, state: Array) -> Array:
         """Return the rates of angle and spin."""
         angle, spin = state
+        # The arms shorten by cos a; weights above the pin lean out by sin a.
         acceleration = self.torque * cos(angle) + self.tilting * sin(angle)
         return np.array([spin, acceleration])
 
@@ -280,6 +287,7 @@ def _draw_seesaw(draw: Draw, x: float, part: float) -> _Seesaw:
 
     `part` is the moment of the right weight over that of the left one.
     """
+    # Rough and inelastic, so that the weights stay in place on the plank.
     surface = {"friction": 0.9, "elasticity": 0.0}
     pin = np.array([x, 150.0])
     plank = (draw.number(220, 260, 0), draw.number(8, 14, 0))
@@ -349,6 +357,7 @@ def _seesaw_errors(tilt: _Tilt, run: Run) -> Errors:
     """Return the error of angle and spin against one rigid body, and whether a balance
     tips to the wrong side.
     """
+    # The equation has no elementary solution: integrate it in fine steps.
     angle, spin = runge_kutta(tilt.rate, np.zeros(2), SEESAW_TIME, 400)[-1]
     track = run.track("far-plank")
     end = track.sample(SEESAW_TIME)
@@ -434,7 +443,9 @@ def _ramp_error(ramps: Mapping[str, _Ramp], run: Run) -> Errors:
         track = run.track(name)
         spin = track.spin
         if name == "fan":
+            # A motor acts on the spin of its wheel relative to the base.
             spin = spin - run.track("base").spin
+        # A constant torque gives a linear rise up to the speed of the motor.
         expected = np.minimum(track.times / ramp.time, 1)
         errors.append(np.abs(spin / ramp.speed - expected).max())
     return {"spin": worst(errors)}
@@ -465,6 +476,7 @@ class _WeldedPair:
     def centers(self) -> tuple[Array, Array]:
         """Return the centres of the boxes, (2,) px each."""
         (upper_width, upper_height), (lower_width, lower_height) = self.sizes
+        # Both boxes end at x = WELD_X, so that the ball meets a flush side.
         upper_x = WELD_X + self.side * upper_width / 2
         lower_x = WELD_X + self.side * lower_width / 2
         upper = np.array([upper_x, SEAM_Y - upper_height / 2])
@@ -500,6 +512,7 @@ class _WeldedPair:
         # The change of speed at the hit point by one unit of impulse, with the turn.
         softness = 1 / ball_mass + 1 / self.mass + offset**2 / moment
         impulse = speed_change / softness
+        # An impulse J to the right at b below the centre has the moment -b J.
         return impulse / self.mass, -offset * impulse / moment
 
     def seam_center(self) -> list[float]:

@@ -39,6 +39,7 @@ def _slider_errors(
     moved = block.displacements @ down
     # Without friction, only the part of the weight along the rail accelerates.
     exact = GRAVITY * sin(radians(angle)) * block.times**2 / 2
+    # The closed form ends where the block meets the end of its rail.
     slides = exact < way
     # The drive pushes with its full force until the cart has its speed.
     pace = np.minimum(cart.times / time, 1) * speed
@@ -143,6 +144,7 @@ class _Rope:
         low, high = 0.0, 1.0
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
+            # A slack rope: the ball is still within the circle about the anchor.
             if np.hypot(*self.position(middle)) < self.length:
                 low = middle
             else:
@@ -152,6 +154,7 @@ class _Rope:
     def catch(self) -> _Catch:
         """Return the catch: the rope removes the velocity along itself."""
         time = self.catch_time()
+        # The distance at the catch is the rope's length, so that this is a unit vector.
         direction = self.position(time) / self.length
         before = self.velocity + np.array([0, GRAVITY * time])
         radial_speed = float(before @ direction)
@@ -276,6 +279,7 @@ def _gears(draw: Draw) -> list[Case]:
     """
     ratio = draw.sign() * draw.number(0.4, 2.5)
     radius = draw.number(30, 60, 1)
+    # Both rims have the same speed, so that the radii have the ratio of the gear.
     other = radius * abs(ratio)
     masses = [draw.mass(), draw.mass()]
     places = [(320 - radius, 200.0), (320 + other, 200.0)]
@@ -368,6 +372,8 @@ class _BreakingPendulum:
         # Weight and centripetal force along the rod; the rest of the weight across it.
         along = weight * sine + self.mass * self.arm * spin**2
         cosine = sqrt(max(1 - sine**2, 0.0))
+        # Without a pin, the weight across the rod would accelerate the centre more: the
+        # pin carries the difference.
         across = weight * cosine * (1 - self.mass * self.arm**2 / self.moment)
         force = np.hypot(along, across)
         return {"force": abs(force / self.limit - 1)}

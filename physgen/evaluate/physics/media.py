@@ -45,6 +45,8 @@ def _pulse_integral(pulse_time: float, pause: float, span: float) -> float:
 def _table_integral(values: Sequence[float], span: float) -> float:
     """Return the integral of values at 0, 0.3 and 0.6 s from 0 to `span`, s."""
     first, second, last = values
+    # Values are linear between the points, so that the mean of two points is exact;
+    # after the last point its value stays.
     first_part = 0.15 * (first + second)
     second_part = 0.15 * (second + last)
     return first_part + second_part + last * (span - 0.6)
@@ -92,6 +94,7 @@ class _ForceProfiles:
 
     def integrals(self, span: float) -> dict[str, float]:
         """Return the integral of each profile from 0 to `span` (s), s."""
+        # A linear rise counts half of its time.
         return {
             "ramp": self.ramp / 2 + span - self.ramp,
             "sine": _sine_integral(self.frequency, span),
@@ -147,6 +150,8 @@ def _terminal_error(run: Run, *, finals: dict[str, float]) -> Errors:
         # g t over the terminal speed is the only variable of both closed forms.
         speed = track.velocities[:, 1]
         late = GRAVITY * track.times / final
+        # Both drags together have no such closed form: only their terminal speed is
+        # compared, and earlier samples count as exact.
         exact = {
             "linear": final * (1 - np.exp(-late)),
             "square": final * np.tanh(late),
@@ -184,6 +189,7 @@ def _terminal(draw: Draw) -> list[Case]:
 
     measure = partial(_terminal_error, finals=finals)
 
+    # After 12 times u/g, the speed differs from the terminal one by less than 1e-5.
     duration = max(2.0, 12.5 * max(finals.values()) / GRAVITY)
     document = scene((460, 500), duration, objects, fields=fields)
     return [Case(document, measure)]
@@ -194,6 +200,7 @@ def _buoyancy_errors(
 ) -> Errors:
     """Return the errors of the raft's place and of the ball's rise."""
     raft = run.track("raft")
+    # The raft starts at rest at the end of its swing: a cosine.
     place = rest + swing * np.cos(rate * raft.times)
     raft_error = float(np.abs(raft.y - place).max()) / abs(swing)
     # The closed form of the rise ends when the ball reaches the surface.
@@ -232,6 +239,8 @@ def _buoyancy(draw: Draw) -> list[Case]:
     ball_mass = displaced_mass * draw.number(0.6, 0.85)
     # The ball rises with the surplus of buoyancy over weight.
     lift = (displaced_mass - ball_mass) * GRAVITY / ball_mass
+    # Up to this time the whole ball is below the surface: its centre is two radii or
+    # more below it.
     rises = sqrt(2 * (BALL_DEPTH - SURFACE - 2 * radius) / lift)
     objects = {
         "raft": box((160, rest + swing), (width, RAFT_HEIGHT), mass=raft_mass),

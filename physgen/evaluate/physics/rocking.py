@@ -67,6 +67,7 @@ class _Block:
         """
         tilt, speed = state
         arm = self.slenderness - tilt
+        # The resistance is a share of the radius of the disc of equal area.
         lever = self.rocking * sqrt(self.width * self.height / pi)
         if speed <= 0:
             lever = -lever
@@ -74,6 +75,8 @@ class _Block:
         # by the centripetal acceleration of the centre.
         lift = self.half_diagonal * sin(arm)
         press = GRAVITY - self.half_diagonal * cos(arm) * speed**2
+        # Per mass, the moment of inertia about the corner is 4/3 of the squared half
+        # diagonal.
         inertia = 4 / 3 * self.half_diagonal**2 + lever * lift
         return np.array([speed, -(GRAVITY * lift + lever * press) / inertia])
 
@@ -88,6 +91,7 @@ class _Block:
             states = runge_kutta(self.rate, state, LONGEST_SWING, SWING_STEPS)
             end = int(np.argmax(states[:, 0] < 0))
             before, after = states[end - 1 : end + 1]
+            # Within a step, the tilt is nearly linear in time.
             part = before[0] / (before[0] - after[0])
             time += h * (end - 1 + part)
             times.append(time)

@@ -151,6 +151,7 @@ def _roll_to_rest(
     deceleration = resistance * GRAVITY / (1 + inertia)
     speed = round(deceleration * time, 1)
     surface = {"friction": 0.8, "elasticity": draw.number(0, 0.5)}
+    # The first spin fits the speed, so that the body rolls from the beginning.
     body = circle(
         (250 - 210 * side, y - radius),
         radius,

@@ -227,6 +227,7 @@ class Draw:
 
     def __init__(self, row: int, index: int) -> None:
         self.index = index % DRAWS
+        # Each draw of each row has its own numbers, so that a new row changes no other.
         self._rng = np.random.default_rng((SEED, row, index))
 
     def number(self, low: float, high: float, digits: int = 2) -> float:
@@ -439,6 +440,7 @@ def _run_jobs(jobs: Sequence[_Job], workers: int) -> Iterator[DrawResult]:
         yield from map(_run_job, jobs)
         return
     processes = min(workers, len(jobs))
+    # A forked process could inherit a lock of the libraries' threads.
     context = get_context("spawn")
     with ProcessPoolExecutor(processes, context, _ignore_interrupts) as pool:
         try:

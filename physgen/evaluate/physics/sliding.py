@@ -185,7 +185,9 @@ def _tipping(draw: Draw) -> list[Case]:
     # Tipping about the lower edge follows cosh(t sqrt(3 g/(4 r))) from a small angle.
     radius = sqrt(size[0] ** 2 + size[1] ** 2) / 2
     excess_angle = np.arctan(1.01 * ratio) - np.arctan(ratio)
+    # With r half the diagonal, the moment about an edge is 4 m r²/3.
     growth_rate = sqrt(3 * GRAVITY / (4 * radius))
+    # The time of a turn by 0.4 rad, more than the test asks for.
     fall_time = acosh(1 + 0.4 / excess_angle) / growth_rate
     document = scene((720, 300), 1.2 * fall_time, objects, walls)
     return [Case(document, _tipping_error)]
@@ -347,6 +349,7 @@ def _slab_force(masses: Sequence[float], mu: float, draw: Draw) -> float:
     """Return a force (g·px/s²) that moves the slab at 2 to 3 times mu g, in spite of
     friction on both sides.
     """
+    # The blocks above press on the slab, and the slab and these blocks on the floor.
     friction = mu * GRAVITY * (sum(masses[1:]) + sum(masses))
     return masses[0] * draw.number(2, 3) * mu * GRAVITY + friction
 

@@ -80,6 +80,7 @@ def _deceleration(mu: float, gravity: float) -> Callable[[Array], Array]:
     def rate(state: Array) -> Array:
         sliding = max(state[0], 0.0)
         surface = max(state[1], 0.0)
+        # Without spin the ratio is infinite: a large number has the same limits.
         ratio = 1 / NO_SPIN
         if surface > NO_SPIN * sliding:
             ratio = sliding / surface
@@ -103,6 +104,7 @@ def stop(speed: float, spin: float, radius: float, mu: float, gravity: float) ->
     first_motion = motion = float(np.hypot(state[0], state[1]))
     times, states = [0.0], [state]
     while motion > REST * first_motion:
+        # The time left to rest is about the motion over mu g.
         step = STEP_PART * motion / (mu * gravity)
         state = runge_kutta(rate, state, step, 1)[-1]
         motion = float(np.hypot(state[0], state[1]))

@@ -161,7 +161,9 @@ def _first_lean(thickness: float, height: float, distance: float) -> float:
     """Return the lean of the first domino (rad), between balance and contact with the
     second one.
     """
+    # At this lean, the centre is above the corner.
     balance = atan2(thickness, height)
+    # At this lean, the upper corner touches the next domino.
     contact = asin((distance - thickness) / height)
     return (balance + contact) / 2
 
@@ -178,6 +180,7 @@ def _leaning_center(corner: Point, size: Point, lean: float) -> Point:
     """
     half_thickness = size[0] / 2
     half_height = size[1] / 2
+    # From the corner to the centre along both turned sides.
     x = corner[0] - half_thickness * cos(lean) + half_height * sin(lean)
     y = corner[1] - half_thickness * sin(lean) - half_height * cos(lean)
     return x, y

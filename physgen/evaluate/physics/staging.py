@@ -77,6 +77,7 @@ def _round_numbers(value: Any) -> Any:
 
 def round_up(duration: float) -> float:
     """Return a duration (s) rounded up to a tenth."""
+    # The floor of the negative number rounds up.
     return round(-(-duration * 10 // 1) / 10, 1)
 
 

@@ -38,6 +38,7 @@ def _conveyor_errors(
     exact = pull * slides**2 / 2 + speed * (track.times - slides)
     moved = side * track.displacements[:, 0]
     path_error = float(np.abs(moved - exact).max())
+    # The friction mu m g acts on the belt over its path u²/(mu g).
     belt_work = mass * speed**2
     return {
         "way": path_error / distance,
@@ -75,6 +76,7 @@ def _conveyor(draw: Draw) -> list[Case]:
         mass=mass,
     )
 
+    # The parcel then rides for a part of the way that remains.
     duration = time + 0.6 * (480 - distance) / speed
     document = scene((640, 320), duration, objects, {"belt": belt})
     return [Case(document, measure)]
@@ -197,6 +199,7 @@ def _bumper(draw: Draw) -> list[Case]:
             "work": abs(float(work[-1]) / gain - 1),
         }
 
+    # The apex comes e fall times after the contact.
     duration = fall * (1 + e) + 0.1
     document = scene((320, 340), duration, objects, {"bumper": bumper})
     return [Case(document, measure)]

@@ -51,6 +51,7 @@ def _rack(distance: float) -> Iterator[tuple[int, int, tuple[float, float]]]:
     """
     for i in range(RACK_ROWS):
         for j in range(i + 1):
+            # Triangles of equal sides: rows are sqrt(3)/2 of the distance apart.
             x = 360 + i * distance * sqrt(0.75)
             yield i + 1, j + 1, (x, AXIS_Y + (j - i / 2) * distance)
 
@@ -316,6 +317,7 @@ def _decay_errors(
     over the first.
     """
     time_error = _rest_time(times, values) / exact_times[-1] - 1
+    # After the time of rest, both values are 0.
     expected = np.interp(times, exact_times, exact_values, right=0)
     return [time_error, np.abs(values - expected).max() / values[0]]
 

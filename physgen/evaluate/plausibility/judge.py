@@ -124,6 +124,7 @@ def _has_hidden_impact(
     best_error = np.inf
     # An impact may be between any two frames.
     for time in (s[1:-2] + s[2:-1]) / 2:
+        # A line, and a second slope from the impact on.
         columns = np.stack([ones, s, np.maximum(s - time, 0.0)], axis=1)
         terms = np.linalg.pinv(columns) @ straight_path
         deviations = straight_path - columns @ terms
@@ -168,6 +169,8 @@ def _missing_momentum(tracks: Tracks, impact: Impact) -> float:
     factor, masses = TUNING.mass_factor, tracks.masses
     if masses is None:
         factor = TUNING.area_factor
+        # Without masses, the square of the reach stands for them; points count as
+        # equal.
         masses = np.array([outline.reach**2 or 1.0 for outline in tracks.forms])
     # Masses from a film are uncertain: every ratio in a range is possible.
     ratio = float(masses[second.body] / masses[first.body])
@@ -302,6 +305,7 @@ def _gain(
     allowed_speed = np.sqrt(max(closing, 0.0) ** 2 + spin_energy)
     # Newton's law with e = 1, and the energy that spin can turn into speed.
     excess = max(0.0, parting - allowed_speed - TUNING.certainty * error)
+    # The noise of a slow impact is large against its own speed.
     deviation = excess / max(closing, TUNING.slow_part * usual_speed)
     return _Gain(deviation, parting, closing)
 
@@ -439,6 +443,7 @@ def _step_deviation(
         fall = float(np.hypot(*motion.gravity)) * motion.tracks.step**2 / 2
     allowed = TUNING.jump * sigma + _hidden_push(motion, body, first + k, usual_length)
     allowed += fall
+    # A jump counts against the usual step, the size of the body, and the noise.
     scale = max(usual_length, 0.3 * outline.reach, 10 * sigma, 3.0)
     deviation = max(0.0, offset - allowed) / scale
     frames = (first + k, first + k + 1)

@@ -106,6 +106,7 @@ class Turn:
         segments (`order` 0), px.
         """
         error_before = self.before.error(self.time, order)
+        # A single segment has one error, which must not count twice.
         if self.before is self.after:
             return error_before
         return float(np.hypot(error_before, self.after.error(self.time, order)))
@@ -481,6 +482,8 @@ def _impact(motion: Motion, turn: Turn) -> Impact | None:
             return None
         if has_met:
             partners.append(partner)
+        # A neighbour turns at about this time without a contact: a third body may be
+        # involved.
         elif motion.has_sudden_turn(body, turn.time, TUNING.late_time):
             return None
     # No partner means a wall or the floor; two partners share the momentum in an

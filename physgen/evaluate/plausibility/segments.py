@@ -176,12 +176,14 @@ def _parabola_costs(path: Array) -> Array:
     frames from `first`.
     """
     n = len(path)
+    # Costs of windows with up to three frames stay 0: a parabola passes through them.
     longest = min(n, TUNING.max_frames)
     costs = np.zeros((longest + 1, n))
     for length in range(TUNING.min_frames, longest + 1):
         # All windows of one length share the basis, so that one product fits them all.
         windows = np.lib.stride_tricks.sliding_window_view(path, length, axis=0)
         # The shape is (m, 2, length).
+        # Differences from the first frame keep digits; a parabola absorbs any offset.
         offsets = windows - windows[..., :1]
         explained = ((offsets @ _parabola_basis(length)) ** 2).sum(axis=2)
         errors = (offsets**2).sum(axis=2) - explained
@@ -204,6 +206,8 @@ def fit_segment(path: Array, times: Array, first: int, sigma: float) -> Segment:
     """
     n = len(path)
     middle = float(times.mean())
+    # Times from the middle make the columns nearly orthogonal, and the inverse
+    # accurate.
     s = times - middle
     # Few frames determine only a place, or a place and a velocity.
     order = min(n, 3)

@@ -186,6 +186,7 @@ def from_clip(folder: Path) -> Tracks:
     times, names, poses = _read_motion(folder / "trajectory.npz")
     name = folder.resolve().name
     world = _world_of_clip(folder, manifest)
+    # A scene edited after the render may have other objects than the trajectory.
     if world is not None and tuple(body.name for body in world.bodies) == names:
         return from_world(name, world, times, poses)
     document = json.loads((folder / "manifest.json").read_text())["document"]
@@ -245,6 +246,7 @@ def from_world(name: str, world: World, times: Array, poses: Array) -> Tracks:
         source="poses of a clip of physgen",
         masses=np.array([body.mass for body in world.bodies]),
         guided_bodies=_guided_bodies(world),
+        # From above, gravity presses bodies on the table and never moves them.
         is_weightless=world.view is View.SIDE and not np.any(world.gravity),
         passing_pairs=_passing_pairs(world),
         bumped_bodies=_bumped_bodies(world),

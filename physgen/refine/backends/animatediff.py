@@ -95,6 +95,7 @@ class AnimateDiff:
     ) -> Tensor:
         """Predict (F, C, h, w); the network takes (1, C, F, h, w)."""
         z = latents.to(self._device, self._dtype).transpose(0, 1)[None]
+        # The image network sees frames as a batch, each with the text.
         words = text.repeat_interleave(len(latents), dim=0)
         prediction: Tensor = self.pipe.unet(
             z, time.to(self._device), encoder_hidden_states=words
@@ -124,6 +125,7 @@ def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
         unet = part_config(base, "unet", WHAT)
     else:
         unet = {}
+    # The adapter's layers lie inside the blocks, so both networks need equal widths.
     if list(motion["block_out_channels"]) != list(unet.get("block_out_channels", [])):
         raise Message.BASE_DOES_NOT_FIT.error(
             REFINE.name, f'"{base}"', kind=index.get("_class_name")
@@ -135,6 +137,7 @@ def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
     # The autoencoder halves the picture between its levels, and so does the network.
     cell = 2 ** (len(vae["block_out_channels"]) - 1)
     levels = 2 ** (len(unet["block_out_channels"]) - 1)
+    # The side of its training pictures in latent cells; 64 cells are 512 px.
     side = unet.get("sample_size") or 64
     return TrainingSettings(
         Grid(cell, cell * levels, (side * cell) ** 2, min(FRAMES, most_frames)),

@@ -83,6 +83,8 @@ class LtxVideo:
                 config, shift_terminal=None
             )
         if self._is_condition:
+            # These pipelines take small steps near full noise, and growing ones
+            # afterwards.
             sigmas = linear_quadratic_schedule(steps).numpy()
             times = config.num_train_timesteps * sigmas
             return euler(scheduler, steps, count, sigmas=sigmas, timesteps=times, mu=mu)
@@ -153,6 +155,8 @@ class LtxVideo:
         """Return (1, 3, F' h w): the time, s, and the place, px, of each token."""
         stride = self.pipe.vae_temporal_compression_ratio
         cell = self.pipe.vae_spatial_compression_ratio
+        # Positions are in frames and pixels of the video, not in latent cells, so that
+        # the model knows speed and size.
         times = torch.arange(frames, device=self._device) * stride
         # The first latent frame has only one frame.
         if self._is_condition:
@@ -170,6 +174,7 @@ def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
     check_pipeline_class(weights_name, str(index.get("_class_name")), KNOWN, WHAT)
     vae = part_config(weights_name, "vae", WHAT)
     halvings = sum(vae.get("spatio_temporal_scaling", [True, True, True]))
+    # Older configurations list only the levels; each of them halves the picture once.
     cell = vae.get("spatial_compression_ratio") or vae["patch_size"] * 2**halvings
     stride = vae.get("temporal_compression_ratio") or vae["patch_size_t"] * 2**halvings
     window = 1 + (FRAMES - 1) // stride

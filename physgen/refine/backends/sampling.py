@@ -54,6 +54,8 @@ def pipeline_index(weights: str, title: str) -> dict[str, Any]:
     index = load_weights(
         lambda path: dict(DiffusionPipeline.load_config(path)), weights, title, REFINE
     )
+    # A part's entry is [library, class]. A class in the weights' own folder would be
+    # imported from there, and run its code.
     for part, kind in index.items():
         if isinstance(kind, list) and kind[0] not in (
             None,
@@ -116,6 +118,7 @@ def check_pipeline_class(
 def revision(weights: str) -> str:
     """Return the hub's commit of the weights; `""` for a folder."""
     main = hub_folder(weights) / "refs" / "main"
+    # The hub's cache keeps the commit of a branch in a file of its own.
     if main.is_file():
         return main.read_text(encoding="utf-8").strip()
     return ""
@@ -126,6 +129,7 @@ def place_pipeline(pipe: Any, device: str) -> str:
 
     `model`: each part is moved when it is needed.
     """
+    # Activations need the rest of the memory, so weights may take only a share of it.
     if device.startswith("cuda") and importlib.util.find_spec("accelerate"):
         free, _ = torch.cuda.mem_get_info(device)
         if _bytes(pipe) > FULL * free:
@@ -399,6 +403,7 @@ class Sampler:
             else:
                 guidance = prompt.guidance
             text = network.encode_text(prompt.prompt)
+            # A weight of 1 or less needs no second prediction: the prompt alone counts.
             if guidance > 1:
                 negative = network.encode_text(prompt.negative)
             else:
@@ -406,6 +411,7 @@ class Sampler:
             # Free the GPU of the text encoder before the VAE runs.
             network.pipe.maybe_free_model_hooks()
             encoded = network.encode(_video(frames))
+            # Schedules of some models depend on the number of tokens in a window.
             window = encoded[: self.grid.window].shape
             schedule = network.schedule(steps, count, window)
             self._run = Run(schedule, frames, guidance, text, negative)
@@ -417,6 +423,7 @@ class Sampler:
     def add_noise(self, latents: F32, noise: F32, k: int) -> F32:
         """Return noisy latents; see `Denoiser`."""
         schedule = self._at().schedule
+        # After the last step there is no noise: the guidance is added as it is.
         if k < len(schedule.times):
             return schedule.add_noise(latents, noise, k)
         return latents
@@ -425,6 +432,7 @@ class Sampler:
         """Predict a step with guidance; see `Denoiser`."""
         run, network = self._at(), self._network
         with memory_errors():
+            # The condition of a window is the same in every step.
             if first not in run.conditions:
                 frame = _video([run.frames[self._frame(first)]])[0]
                 run.conditions[first] = network.condition(frame, len(latents))
@@ -435,6 +443,8 @@ class Sampler:
                 return guided_prediction
             # One after the other: both together would take twice the memory.
             free = _array(network.predict(z, time, run.negative, condition))
+        # Classifier-free guidance: move away from the unwanted description, in the
+        # direction of the prompt.
         return np.asarray(
             free + np.float32(run.guidance) * (guided_prediction - free), np.float32
         )
@@ -452,12 +462,15 @@ class Sampler:
     def decode(self, latents: F32) -> Iterator[F32]:
         """Decode latents; see `Denoiser`."""
         parts = self._network.decode(torch.from_numpy(latents))
+        # A generator cannot hold `memory_errors` open across a yield: errors of the
+        # caller would pass through it.
         while True:
             with memory_errors():
                 part = next(parts, None)
                 if part is None:
                     frames = None
                 else:
+                    # From -1..1, channels first, to 0..1, channels last.
                     frames = _array((part / 2 + 0.5).permute(0, 2, 3, 1))
             if frames is None:
                 return

@@ -68,6 +68,7 @@ class Wan:
             shift=config.get("flow_shift") or config.shift,
         )
         vae = pipe.vae.config
+        # Wan's latents are normalised channel by channel; shape (1, C, 1, 1, 1).
         self._mean, self._spread = (
             torch.tensor(values, dtype=torch.float32, device=device).view(
                 1, -1, 1, 1, 1
@@ -75,6 +76,8 @@ class Wan:
             for values in (vae.latents_mean, vae.latents_std)
         )
         network = self._network(float("inf"))
+        # Image-to-video weights have input channels for a condition besides the
+        # latents.
         self._takes_frame = network.config.in_channels > vae.z_dim
 
     def schedule(self, steps: int, count: int, shape: torch.Size) -> Schedule:
@@ -87,6 +90,7 @@ class Wan:
         The pipeline's own method also repairs wrongly decoded letters, with the library
         ftfy; the prompts here do not need it.
         """
+        # The authors' pipeline unescapes twice, for text that was escaped twice.
         words = " ".join(html.unescape(html.unescape(text)).split())
         tokens = self.pipe.tokenizer(
             [words],
@@ -100,6 +104,7 @@ class Wan:
         mask = tokens.attention_mask.to(self._device)
         ids = tokens.input_ids.to(self._device)
         states = self.pipe.text_encoder(ids, mask).last_hidden_state
+        # The denoising network takes no mask of the text, so padding must be zero.
         embedding: Tensor = states.to(self._dtype).masked_fill(mask[..., None] == 0, 0)
         return embedding
 
@@ -129,6 +134,7 @@ class Wan:
         return embedding.to(self._dtype)
 
     def _encode(self, video: Tensor) -> Tensor:
+        # The mode, not a sample: encoding must not depend on chance.
         latents: Tensor = self.pipe.vae.encode(video).latent_dist.mode()
         return (latents - self._mean) / self._spread
 
@@ -167,6 +173,7 @@ class Wan:
         time = time.to(self._device).expand(1)
         if not self.pipe.config.get("expand_timesteps"):
             return time
+        # The transformer merges latent cells to patches, one token each.
         frames, height, width = (
             side // patch
             for side, patch in zip(shape[2:], network.config.patch_size, strict=True)
@@ -186,6 +193,7 @@ class Wan:
             if first_network is not None:
                 return first_network
             return second_network
+        # The border is given as a share of the noise levels of the training.
         edge = share * self._scheduler.config.num_train_timesteps
         if time >= edge:
             return first_network
@@ -210,7 +218,9 @@ def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
     cell = vae.get("scale_factor_spatial", 8)
     stride = vae.get("scale_factor_temporal", 4)
     side = cell * max(network.get("patch_size", [1, 2, 2])[1:])
+    # The first latent frame has one frame, each other one `stride` frames.
     window = 1 + (FRAMES - 1) // stride
+    # Positions have a maximum number of latent frames.
     most_frames = 1 + (network.get("rope_max_seq_len", 1024) - 1) * stride
     return TrainingSettings(Grid(cell, side, AREA, window, stride), most_frames)
 
