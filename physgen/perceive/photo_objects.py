@@ -160,6 +160,7 @@ def _ends_broadly(mask: Mask, margin: int, share: float) -> bool:
         mask[:, : margin + 1].any(axis=1),
         mask[:, -margin - 1 :].any(axis=1),
     )
+    # The broadest end decides: corners touch two borders with narrow ends.
     width = max(np.count_nonzero(side) for side in sides)
     return bool(width > share * np.count_nonzero(mask) ** 0.5)
 
@@ -167,6 +168,7 @@ def _ends_broadly(mask: Mask, margin: int, share: float) -> bool:
 def _reaches_outside(outline: Outline, width: int, height: int) -> bool:
     """Return whether more than a narrow part of an outline is outside the photo."""
     x0, y0, x1, y1 = bounds(outline)
+    # Pixel centres are at whole numbers: the photo ends half a pixel beyond them.
     excess = max(-0.5 - x0, -0.5 - y0, x1 - width + 0.5, y1 - height + 0.5)
     return bool(excess > OUTSIDE * hypot(x1 - x0, y1 - y0))
 

@@ -98,6 +98,8 @@ def render_scene(
     folder is still written, with `unrefined.mp4`.
     """
     options = replace(options or RenderOptions(), **changes)
+    # The side tasks of a run, such as the copy of inputs, end with it, also after an
+    # error: nobody would wait for them later.
     run = _Run(path, Path(out), options, stages or Stages(Keep.NOTHING), progress, warn)
     try:
         return run.make_clip(refiners or Refiners())

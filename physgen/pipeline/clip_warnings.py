@@ -130,6 +130,7 @@ def reduced_rates(scene: Scene, formats: Sequence[Format]) -> list[Problem]:
     fps = scene.render.fps
     problems = []
     for kind in formats:
+        # Browsers play GIF in steps of 1/100 s, and no faster than 50 frames/s.
         maximum_rate = MAX_RATES.get(kind, fps)
         if fps <= maximum_rate:
             continue

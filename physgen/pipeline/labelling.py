@@ -22,6 +22,7 @@ def labelled_clip(
     compiled_scene = film.compiled
     shot = film.shot(trajectory)
     labels = None
+    # Labels need the masks of the photo; sound and tracks do without.
     if maps is not None:
         labels = maps.cut_out
     return Clip(

@@ -363,6 +363,8 @@ def import_physgen(
     check_text_names(folder, output)
     check_writable((output or stdout or Path()).parent)
     scene = run(folder, progress=progress)
+    # The pushes of the paper's scenes were made for 16 frames, and fling objects out
+    # of a longer clip.
     if not faithful:
         scene = _with_gentle_pushes(as_shot(scene))
     for problem in scene.warnings:

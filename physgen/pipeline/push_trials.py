@@ -181,6 +181,8 @@ def choose_speed(
 
     The rules are those of `choose_push`. None if no push moves an object visibly.
     """
+    # The search needs many trials: coarse steps tell grades apart, and the best
+    # pushes are tried again in fine steps.
     world = replace(trials.world, steps_per_second=TRIAL.rate)
     candidates = list(_search(trials, item, direction, facing, world))
     moving_candidates = []
@@ -648,6 +650,7 @@ def _find_faults(
     trials = run.trials
     world = run.world
     motion = run.motion
+    # A climbing object counts as tumbling, too: both faults end in the same penalty.
     is_climbing = climbs(trials, world, motion)
     return _Faults(
         has_rebound=any(returns(motion, *push) for push in velocities.items()),

@@ -459,10 +459,12 @@ def _read_point(
     written_point: list[float | str] = []
     try:
         for part in parts:
+            # A number without a unit is already in px, and is no quantity.
             px = quantity(part, "px", scene.world.pixels_per_meter)
             number = finite(part if px is None else repr(px))
             coordinates.append(number)
             if px is not None:
+                # A length with a unit follows a corrected scale, one in px does not.
                 written_point.append(part.strip())
             else:
                 written_point.append(int(number) if number.is_integer() else number)

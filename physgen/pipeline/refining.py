@@ -117,6 +117,7 @@ def refine_settings(scene: Scene) -> RefineSettings:
     labels.
     """
     section = scene.refine
+    # A prompt of the user replaces that of the labels as a whole.
     if section.prompt is None:
         prompt = refine.fusion.prompt_of(item.label for item in scene.objects)
     else:

@@ -168,6 +168,7 @@ def _report_lost_objects(
     all are.
     """
     names = perceived_scene.document["objects"]
+    # A photo without any of the old objects is most likely the wrong file.
     lost_names = []
     for name in old.get("objects", {}):
         if name not in names:
@@ -476,6 +477,7 @@ def _summary_scene(
     perceived_document = new.perceived_scene.document
     final_objects = moving_scene.document["objects"]
     objects = dict(perceived_document["objects"])
+    # The summary describes the new photo; only motion comes from the kept scene.
     for name in objects.keys() & final_objects.keys():
         final_entry = final_objects[name] | motions.get(name, {})
         motion = {}

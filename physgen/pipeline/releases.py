@@ -290,6 +290,8 @@ def _release_object(
     scene = open_trial(photo_scene).scene()
     names = [item.name for item in scene.objects]
     outlines = compile_shapes(scene, shapes_of(scene, None)).outlines
+    # A vehicle whose wheels show a road at an angle stands on that road; all other
+    # objects stand on level ground.
     road = _find_road(photo_scene.document["objects"][name])
     outline, ground = _level_outline(
         outlines[names.index(name)], photo_scene, name, road, rag
@@ -298,6 +300,8 @@ def _release_object(
     released_scene = _with_guessed_floor(photo_scene, name, ground)
     if road is not None:
         return _with_road(released_scene, name, road)
+    # Seen from high above, the picture shows the depth of the ground: objects pass
+    # before and behind each other.
     if is_oblique(photo_scene):
         named_outlines = dict(zip(names, outlines, strict=True))
         return _passing(released_scene, name, named_outlines)
@@ -315,6 +319,8 @@ def _find_road(entry: Mapping[str, Any]) -> Line | None:
         points.append((x, y + wheel["radius"]))
     if len(points) < FEWEST_WHEELS:
         return None
+    # The road leads through the lowest points of the outermost wheels; wheels in
+    # between may hang.
     (x0, y0), (x1, y1) = min(points), max(points)
     slope = (y1 - y0) / max(x1 - x0, 1.0)
     low, high = RELEASE.road_slopes
@@ -404,6 +410,8 @@ def _in_depth_order(
     for key, place in places.items():
         if place.low <= own_place.low:
             farther.append(key)
+    # The released object is drawn over all farther ones, and all nearer ones over it:
+    # layers in between keep their order.
     layer = max([0, *(objects[key].get("layer", 0) + 1 for key in farther)])
     objects[name] = objects[name] | {"layer": layer}
     for other in places.keys() - set(farther):

@@ -516,6 +516,7 @@ class Stages:
         else:
             few = 4
         self._editing = keep is Keep.EDITING
+        # Maps and stages take the most memory; opened files and shapes are small.
         self._opened: Recent[OpenedScene] = Recent(few)
         self._maps: Recent[Maps] = Recent(2 if self._editing else min(few, 1))
         self._shapes: Recent[Shapes] = Recent(few)
@@ -536,6 +537,7 @@ class Stages:
         scene_file = self._opened.of(
             cache_key, lambda: OpenedScene(name, allow_outside)
         )
+        # The file may have changed on disk since it was opened: read it again once.
         if scene_file.stale():
             self._opened.forget(cache_key)
             scene_file = self._opened.of(

@@ -380,6 +380,8 @@ def fulfilment(world: World, story: Story, start: Start, motion: Trajectory) -> 
     if story.wish is Wish.SHIFT:
         share = _measure_actor_shift(world, story, start.actor, motion)
         return _reduce_unless_rested(story, start, motion, share)
+    # A sentence without an object of its verb, such as "the ball falls", is about the
+    # actor itself.
     subjects = story.targets or (start.actor,)
     if story.wish is Wish.TOUCH:
         shares = [_touches(motion, start.actor, k) for k in subjects]
@@ -387,6 +389,8 @@ def fulfilment(world: World, story: Story, start: Start, motion: Trajectory) -> 
         shares = _change_shares(world, story, start.actor, subjects, motion)
     if not shares:
         return 0.0
+    # "All bottles fall" is as fulfilled as the least of them, "a bottle falls" as the
+    # best one.
     if story.needs_all:
         total_share = min(shares)
     else:
@@ -501,6 +505,7 @@ def _change(world: World, wish: Wish, k: int, motion: Trajectory) -> float:
     elif wish is Wish.SPIN:
         value = degrees(float(np.abs(poses[-1, 2] - poses[0, 2]))) / LIMITS.spun_angle
     elif wish is Wish.DROP:
+        # The y axis points down: a fall raises y, and a rise lowers it.
         value = (poses[-1, 1] - poses[0, 1]) / (LIMITS.drop * height)
     else:
         value = (poses[0, 1] - poses[:, 1].min()) / (LIMITS.rise * height)

@@ -141,6 +141,8 @@ def proposal_rules(
         properties = keys | judgement | {"edits": edits}
         return object_schema(properties, [*keys, "edits"])
 
+    # The first answer only names actions and objects, so that the second schema is
+    # short enough for small models.
     outline = {
         "type": "object",
         "properties": {"action": {"enum": list(actions)}, "object": {"type": "string"}},
@@ -285,6 +287,7 @@ def object_table(scene: Scene, world: World) -> str:
     scale = scene.world.pixels_per_meter
     lines = ["name | label | centre px | width x height px | mass g | motion"]
     for item, body in zip(scene.objects, world.bodies, strict=True):
+        # A label with a line break would look like another row of the table.
         label = re.sub(r"\s+", " ", item.label or "")
         sizes = _size_text(body)
         motion = item.motion.name.lower()

@@ -306,6 +306,8 @@ def _take_proposal(talk: _Talk, edits: list[Any]) -> bool:
     frames: tuple[bytes, ...] = ()
     try:
         trial = _simulate(talk, edits)
+        # A sentence with a measurable wish is judged by the simulation, any other one
+        # by the model that looks at the frames.
         if not talk.is_judge:
             share = _share(talk.text, trial)
             verdict = MEASURED.format(share=share)
@@ -315,6 +317,7 @@ def _take_proposal(talk: _Talk, edits: list[Any]) -> bool:
     except UnsuitableEditError as error:
         talk.say(AGAIN.format(fault=error))
         return False
+    # Edits that cannot be simulated are no trial: the model may correct them.
     talk.trials += 1
     outcome = motion_words(trial.compiled_scene.world, trial.motion)
     talk.last = Telling(trial.values, is_right, outcome, talk.trials)

@@ -206,6 +206,7 @@ def read_story(text: str, candidates: Sequence[NamedItem]) -> Story:
     if unknown_noun:
         subject = f"{unknown_noun}, in {quoted(text)},"
         raise Message.STORY_NOUN_UNKNOWN.error(STORY, subject, names=names)
+    # A mention of boundaries alone, as in "the floor shakes", moves nothing.
     indices = {candidate.index for candidate in objects}
     if indices.isdisjoint(k for mention in mentions for k in mention.members):
         raise Message.STORY_WITHOUT_OBJECT.error(STORY, quoted(text), names=names)
@@ -361,6 +362,8 @@ def _assemble(
     """Combine mentions, verbs and the remaining words into a story."""
     place, verb = verbs[0]
     actor, targets = _actor_and_targets(mentions, place, objects)
+    # Words that belong to no mention tell direction and strength: "gently to the
+    # left".
     earlier_words, later_words = _split_free_words(words, mentions, place)
     free_words = earlier_words + later_words
     direction = _direction(free_words)
@@ -399,8 +402,10 @@ def _actor_and_targets(
     for mention in mentions:
         if mention.start > place:
             objects_of_verb.append(mention)
+    # An object before the verb is its subject.
     if mentions[0].end <= place:
         return mentions[0], objects_of_verb
+    # "Push the ball against the wall": the first object moves, the others are hit.
     actor = _first_object(objects_of_verb, objects)
     targets = []
     for mention in objects_of_verb:

@@ -238,6 +238,8 @@ def toy_note(photo_scene: PerceivedScene) -> str:
     for name, item in photo_scene.document["objects"].items():
         label = item.get("label", "")
         noun = kind(label).noun
+        # The material table knows vehicles as toys only: a label such as "car" becomes
+        # a toy, while "toy car" says so itself.
         is_toy = noun.startswith("toy ") and noun not in WATERCRAFT
         if is_toy and not TOY_WORDS.intersection(label.lower().split()):
             names.append(name)

@@ -158,6 +158,7 @@ class BallSprites:
         balls = [(k, s, s.ball) for k, s in enumerate(sprites) if s.ball is not None]
         sizes = []
         for _, sprite, _ in balls:
+            # Margins of sprites are empty, and would waste room in the atlas.
             x0, y0, x1, y1 = sprite.covered_box
             sizes.append((x1 - x0, y1 - y0))
         self._homes: dict[int, tuple[_Atlas, int]] = {}

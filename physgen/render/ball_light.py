@@ -118,6 +118,8 @@ class _BallViews:
         points = sphere_points(size, (0, 0), (radius, radius), radius)
         pictures, masks = [], []
         for ball in painted_balls:
+            # All balls are compared at one radius, pixel by pixel: the same pixel has
+            # the same normal on each of them.
             corner = np.subtract(ball.center, ball.corner) - ball.radius
             pictures.append(
                 sample_picture(ball.photo_light, size, ball.radius / radius, corner)

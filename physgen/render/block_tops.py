@@ -61,6 +61,8 @@ class BlockTop:
         """
         to_box = cv2.invertAffineTransform(matrix)
         direction, depth, shift = to_box.T
+        # Replace the second axis by the vertical of the photo: depth stays upright
+        # while the edge turns.
         to_box = np.stack(
             [direction, [0.0, 1.0], depth * self.edge + shift - [0.0, self.edge]],
             axis=1,
@@ -70,6 +72,7 @@ class BlockTop:
             self.picture, to_box, size, flags=cv2.INTER_LINEAR
         )
         coverage = np.asarray(band_picture[..., 3], np.float32)
+        # The interpolated colours are premultiplied by the coverage.
         colour = band_picture[..., :3] / np.maximum(coverage, 1e-3)[..., None]
         colour *= np.float32(self._gain(turn))
         return np.asarray(colour, np.float32), coverage

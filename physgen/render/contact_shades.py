@@ -49,9 +49,12 @@ def _with_contact_shade(
     """Return a cast with its contact shade."""
     assert cast.moving_picture is not None
     box, shade = cast.moving_picture
+    # The cast has one darkness for all channels; its colour is that of the photo's
+    # shadows.
     colours = shade[..., None] * background.tint
     measured_mask = np.zeros(shade.shape, np.bool_)
     if foot_halo is not None and foot_halo.darkness is not None:
+        # Where the photo itself shows the shade at the foot, it replaces the model's.
         box, colours, measured_mask = _measured_shade(
             cast.moving_picture, foot_halo, background
         )
@@ -80,6 +83,7 @@ def _measured_shade(
     empty_shade = np.zeros((height, width), np.float32)
     box, shade = joined_pictures([shadow, (halo_box, empty_shade)])
     window = np.s_[y - box[1] : y - box[1] + height, x - box[0] : x - box[0] + width]
+    # The foot halo contains the shades of neighbours, too, which stay with them.
     others = background.total[y : y + height, x : x + width] - shade[window]
     other_colours = others[..., None] * background.tint
     colours = shade[..., None] * background.tint

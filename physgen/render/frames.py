@@ -299,6 +299,7 @@ def render_frames(
     with single_threaded():
         painter = _Painter(stage)
         poses = sprite_poses(stage, trajectory, samples[parts - 1 :: parts])
+        # Frames are painted in any order, so that only equal looks in a row are shared.
         last_look = None
         for index, (time, stands) in enumerate(poses):
             exposure = list(samples[index * parts : (index + 1) * parts])

@@ -118,6 +118,7 @@ def _without_light_behind(sprite: Sprite, part: _Moving) -> Sprite:
     sprite_box, light_box = _common_slices(
         _box_at(sprite.corner, sprite.coverage), part.box
     )
+    # The soft border of the object lets a share of the moving light through.
     coverage = sprite.coverage[sprite_box][..., None]
     visible_light = (1 - coverage) * part.light[light_box]
     rest = sprite.rest.copy()

@@ -861,6 +861,7 @@ def _cracks(mask: Mask, is_other: Mask, coverage: F32) -> Mask:
     closed_masks = cv2.morphologyEx(
         masks, cv2.MORPH_CLOSE, square, borderType=cv2.BORDER_REPLICATE
     )
+    # A crack touches both masks: gaps inside one object are none.
     neighbourhood = dilate(mask, CUT.crack + 1) & dilate(is_other, CUT.crack + 1)
     is_full = coverage >= CUT.crack_coverage
     return (closed_masks > masks) & neighbourhood & is_full

@@ -258,6 +258,7 @@ def _angle_limits(
     if joint.limits is None:
         return []
     smallest, largest = joint.limits
+    # A motor slows down before a stop of its joint, so that it arrives there at rest.
     angle = _angle(joint.first, spots) - _angle(joint.second, spots)
     opposite = [-value for value in turning]
     return [(turning, angle - smallest), (opposite, largest - angle)]
@@ -286,6 +287,7 @@ def motor_bound(
     limit.
     """
     speed = joint.speed
+    # The limit is a torque: its impulse in a step is the torque times the time.
     largest_impulse = joint.limit * h * strength
     if joint.limits is not None:
         angle = _angle(joint.first, spots) - _angle(joint.second, spots)
@@ -499,8 +501,8 @@ class BoundedGroup:
         goal = goal_speeds - J @ start_velocities
         count = len(rows)
         low, high = _impulse_limits(count, bounds)
-        # J M⁻¹ Jᵀ: the change of each row's speed by an impulse of each row. Its diagonal is
-        # slightly larger, so that redundant rows have a solution.
+        # J M⁻¹ Jᵀ: the change of each row's speed by an impulse of each row. Its
+        # diagonal is slightly larger, so that redundant rows have a solution.
         response = (J * inverse_masses) @ J.T
         response.ravel()[:: len(response) + 1] *= 1 + 1e-12
         impulse, _ = bounded_impulses(response, goal, low, high)

@@ -89,6 +89,7 @@ class CurvedWalls:
     def __init__(self, world: World, moving: Index, held_bodies: list[int]) -> None:
         """Collect the walls; bodies on joints are left out."""
         count = len(world.bodies)
+        # Walls follow the bodies in the numbering of surfaces.
         self._walls = {
             count + k for k, wall in enumerate(world.walls) if wall.is_smooth
         }

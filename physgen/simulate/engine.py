@@ -203,10 +203,12 @@ class Running:
             if self._step_number < 0:
                 self._step_number = 0
                 self._start()
+            # Rounding must not add a step for a time that is a whole number of steps.
             last = ceil(until / self._base_step - 1e-9)
             while self._step_number < last and not should_stop():
                 old_number = self._step_number
                 self._advance()
+                # A report for each step would cost more than the step.
                 if self._step_number // 256 > old_number // 256:
                     progress("simulate", self._recorder.sample_count, len(self.times))
             self._recorder.read()
@@ -772,6 +774,8 @@ class Stepper:
         """
         if self.has_unchecked_contacts:
             return self._space.hide_internal_edges(None, order, numbers)
+        # New pairs of surfaces may touch at an internal edge; of the same pairs, only
+        # those whose contacts have turned may.
         if order is not self._order:
             pairs = pairs_with_more_contacts(order.raw, self._order.raw)
         elif new_rows is None:
@@ -1054,6 +1058,8 @@ class Stepper:
         Work that was done at once becomes events, because the mean of the velocities
         before and after the step shows only a part of it.
         """
+        # Velocities in the middle of the step and of its first half: an impulse acts
+        # between them.
         middle = momentum.velocity - momentum.change / 2
         early_middle = momentum.velocity - 3 / 4 * momentum.change
         script_work, double_early_work = self._assemblies.scripted_work(

@@ -60,6 +60,8 @@ def stiffest_spring(world: World) -> tuple[float, str]:
     largest_stiffness = 0.0
     name = ""
     for spring in spring_joints(world):
+        # A spring off the centre of mass also turns its body, which yields more: the
+        # compliance of that point makes it act stiffer.
         stiffness = spring.stiffness * spring_compliance(world, spring)
         if stiffness > largest_stiffness:
             largest_stiffness = stiffness

@@ -253,6 +253,7 @@ def _path(
     steps: int,
 ) -> list[Any]:
     """Return the changes of velocity, spin and roll of several bodies in each step."""
+    # Spins are real numbers in an array of complex velocities.
     v, spin, roll = motion
     spin, changes = spin.real, []
     for _ in range(steps):
@@ -511,6 +512,8 @@ def _elliptic(m: Array) -> tuple[Array, Array]:
     """
     a = np.ones_like(m)
     b = np.sqrt(1 - m)
+    # The sum of 2^(n-1) c_n² over the steps of the mean leads from K to E (Abramowitz
+    # and Stegun 17.6.4).
     series_sum, power = m / 2, 0.5
     for _ in range(40):
         c = (a - b) / 2

@@ -126,6 +126,8 @@ class Assemblies:
                 self._root[body] = find(root, body)
             if bodies:
                 self._joints.setdefault(self._root[bodies[0]], []).append(joint)
+        # Joints of one group share bodies, directly or through others, and are solved
+        # together.
         self.busy = bool(self._joints)
         self.members: dict[int, list[int]] = {}
         """Bodies by group."""
@@ -339,6 +341,7 @@ class Assemblies:
         size = group.size
         for joint in group.joints:
             joint_rows, _ = _rows(joint, columns, spots, size)
+            # Only bounds that this step meets have rows.
             bounds = bounds_of(joint, columns, spots, size, inf, None, MET_IN_STEP)
             joint_rows += [bounded_row.row for bounded_row in bounds]
             rows += joint_rows

@@ -658,10 +658,13 @@ class Recorder:
         if they open equally fast. The impulse acts on each body at the body's own
         point: overlaps shorten levers.
         """
+        # The share falls from 1 to 0 within a small range of speeds: a jump would let
+        # the point of an impulse flicker.
         speed_difference = opening[1] - opening[0]
         share_of_first = np.clip(
             0.5 + speed_difference / (2 * self._equal_speeds), 0.0, 1.0
         )
+        # A contact of one point has its whole impulse there.
         share_of_first[touch.count == 1] = 1.0
         share = share_of_first[:, None]
         places = []

@@ -495,6 +495,8 @@ class Space:
         second = self._owners[key[1]]
         first_pose = frames.poses[first]
         second_pose = frames.poses[second]
+        # A rotation counts as the path of the farthest point, so that all four numbers
+        # are comparable lengths.
         turns = (
             self._reach[key[0]] * first_pose[2],
             self._reach[key[1]] * second_pose[2],

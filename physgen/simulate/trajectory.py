@@ -146,6 +146,8 @@ class Trajectory:
         total = energy.kinetic + energy.potential + energy.dissipated - energy.work
         if not len(total):
             return 0.0
+        # Energy changes its form: the largest change of one part tells how much has
+        # flowed.
         flows = []
         for part in (
             energy.kinetic,
@@ -222,6 +224,7 @@ class Trajectory:
             "contacts_surfaces": np.array(self.contacts.surfaces, dtype=np.str_),
         }
         if self.wheel_turns.size:
+            # Archives of scenes without wheels stay as they were before wheels existed.
             arrays["wheel_turns"] = self.wheel_turns
         for part, values in (
             ("contacts", self.contacts),
@@ -334,9 +337,12 @@ def rest_times(trajectory: Trajectory) -> list[float | None]:
     times = []
     for is_resting in resting_mask(trajectory).T:
         moving_samples = np.flatnonzero(~is_resting)
+        # A body rests from the sample after its last motion on.
         first_sample = 0
         if len(moving_samples):
             first_sample = int(moving_samples[-1]) + 1
+        # At the turning point of a swing, a body is slow for a moment, and does not
+        # rest.
         is_too_short = (
             first_sample == len(is_resting)
             or trajectory.times[-1] - trajectory.times[first_sample]

@@ -97,10 +97,12 @@ def spread(
     >>> [round(wide.quantile(z), 9) for z in (-1, 0, 1)]
     [50.0, 100.0, 200.0]
     """
+    # A confidence of 1 gives no spread, and a small one a finite spread.
     sigma = POWERS[parameter] * -log(min(max(confidence, MIN_CONFIDENCE), 1.0))
     if sigma == 0:
         return None
     if parameter == "elasticity":
+        # A value at an end of its range is meant: "does not bounce" has no spread.
         is_certain = not CERTAIN_ELASTICITY < value < 1 - CERTAIN_ELASTICITY
         if is_certain:
             return None
@@ -263,6 +265,7 @@ def with_draw(scene: Scene, values: Sequence[UncertainValue], draw: Array) -> Sc
     """Return the scene with the numbers `(P,)` of one draw."""
     edits: dict[tuple[str, str], dict[str, float]] = {}
     for value, number in zip(values, draw.tolist(), strict=True):
+        # Collect the values by object first: each object is replaced only once.
         edits.setdefault((value.section, value.name), {})[value.parameter] = number
 
     def edited(section: str, item: Any) -> Any:

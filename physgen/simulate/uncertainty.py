@@ -111,6 +111,7 @@ class Ensemble:
         for number, outcome in enumerate(self.outcomes):
             cells: list[Any] = [number, *self.values[number].tolist()]
             if outcome is None:
+                # A draw that could not be simulated keeps its line with its values.
                 cells += [""] * len(outcomes)
             else:
                 for fate, (x, y, angle) in zip(
@@ -206,6 +207,8 @@ def outcome(world: World, run: Trajectory) -> Outcome:
     start = run.poses[0]
     final = run.poses[-1]
     sizes = np.array(list(map(size, world.bodies)))
+    # The farthest place on the way counts, not the last one: an object that swings
+    # back has moved.
     distances = np.hypot(*np.moveaxis(run.poses[:, :, :2] - start[:, :2], 2, 0)).max(
         axis=0
     )
@@ -216,6 +219,8 @@ def outcome(world: World, run: Trajectory) -> Outcome:
     is_fallen = _can_fall(world) & (
         is_tipped | (_drop(world, run) > SIZE_SHARE * sizes)
     )
+    # A later fate replaces an earlier one: to fall tells more than to leave, and to
+    # leave more than to move.
     fates = np.where(distances > SIZE_SHARE * sizes, Fate.MOVES, Fate.STAYS)
     fates = np.where(_outside(world, final), Fate.LEAVES, fates)
     return Outcome(np.where(is_fallen, Fate.FALLS, fates).astype(np.int32), final)
@@ -293,6 +298,7 @@ def wilson(count: int, total: int) -> tuple[float, float]:
     [0.255, 0.577]
     """
     z = NormalDist().inv_cdf((1 + LEVEL) / 2)
+    # The interval is not centred at the share: its middle is drawn towards 1/2.
     share, correction = count / total, z * z / total
     middle = (share + correction / 2) / (1 + correction)
     half_width = (

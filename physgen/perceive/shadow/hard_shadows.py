@@ -69,9 +69,11 @@ def lighten_hard_shadows(
         return None
     distance_px = cv2.distanceTransform((~core_mask).astype(np.uint8), cv2.DIST_L2, 5)
     distance = np.asarray(distance_px / size, np.float32)
+    # The lit ground around the shadow tells how bright the ground in it would be.
     level = _lit_level(logs, open_mask, distance)
     if level is None:
         return None
+    # Pixels of objects are no ground: they count as not dark.
     depth_map = np.where(open_mask[..., None], level - logs, 0)
     shadow = _find_shadow(depth_map, distance, darkness)
     if np.count_nonzero(shadow) < HARD.least_pixels:
@@ -109,6 +111,8 @@ def _lit_level(logs: F32, open_mask: Mask, distance: F32) -> F32 | None:
     ring = open_mask & (distance > HARD.ring[0]) & (distance < HARD.ring[1])
     if np.count_nonzero(ring) < HARD.least_pixels:
         return None
+    # A part of the ring may be in the shadow, too: pixels far below the median are
+    # left out.
     grey = logs.mean(axis=2)
     lit_mask = ring & (grey > np.median(grey[ring]) - HARD.lit_depth)
     height, width = grey.shape
@@ -118,6 +122,7 @@ def _lit_level(logs: F32, open_mask: Mask, distance: F32) -> F32 | None:
     share = cv2.resize(weights, cells, interpolation=cv2.INTER_AREA)
     sums = cv2.resize(logs * weights[..., None], cells, interpolation=cv2.INTER_AREA)
     means = np.asarray(sums / np.maximum(share, 1e-3)[..., None], np.float32)
+    # A membrane follows slow changes of light over the ground.
     level = harmonic_fill(means, share < 1 / 2)
     size = (width, height)
     return np.asarray(
@@ -134,6 +139,7 @@ def _find_shadow(depth: F32, distance: F32, darkness: F32) -> Mask:
     dark_mask = (depth.mean(axis=2) > HARD.shadow_depth) & (distance < HARD.reach)
     square = np.ones((3, 3), np.uint8)
     dark_pixels = cv2.morphologyEx(dark_mask.astype(np.uint8), cv2.MORPH_OPEN, square)
+    # Regions are judged as wholes: geometry needs to hit only a part of a shadow.
     count, regions = cv2.connectedComponents(dark_pixels)
     areas = np.bincount(regions.ravel(), minlength=count)
     touched_areas = np.bincount(regions[darkness > HARD.touched_depth], minlength=count)
