@@ -215,16 +215,14 @@ def shadows(folder: Path) -> list[dict]:
             == 0
         )
         true = _log(maps.clean) - _log(maps.background)
-        lifted = (
-            0 * true
-            if found.clean is None
-            else _log(found.clean) - _log(found.background)
-        )
+        # Contact strips are filled in both backgrounds of `perceive`: compare its clean
+        # picture with the photo's light and with the truth.
+        clean = _log(found.background if found.clean is None else found.clean)
         dark, plain = open_ & (true > 0.05), open_ & (np.abs(true) < 0.03)
         errors = {
             "before": true[dark],
-            "after": (true - lifted)[dark],
-            "elsewhere": lifted[plain],
+            "after": (_log(maps.clean) - clean)[dark],
+            "elsewhere": (clean - _log(maps.background))[plain],
         }
         row = {"scene": path.parent.name, "lifted": found.clean is not None}
         rows.append(
