@@ -85,20 +85,20 @@ def fit_objects(rgb: Rgb, detections: Detections) -> tuple[list[PhotoObject], in
     outlines = fit_outlines(labels, ids)
     # The mask of a network may end slightly before the border that cuts its object.
     margin = min(round(0.012 * max(width, height)), min(width, height) // 4)
-    ids_near_border = _find_ids_at_border(labels, margin)
+    ids_at_border = _find_ids_at_border(labels, 0) | _find_ids_at_border(labels, margin)
     objects = []
     for i in ids:
         outline = outlines[i]
-        mask = labels == i
-        is_cut = _ends_broadly(mask, 0, CUT_END)
-        is_cut |= _reaches_outside(outline, width, height)
+        is_cut = _reaches_outside(outline, width, height)
         is_uncertain = not (_is_exact(detections, i) or isinstance(outline, Disc))
-        # Visible ground outside the mask shows that the object is complete, and so does
-        # a mask that only a narrow tip brings near the border.
-        if not is_cut and is_uncertain and i in ids_near_border:
-            is_cut = _ends_broadly(mask, margin, BROAD_END) and not shows_ground_beyond(
-                rgb, mask, margin
-            )
+        # Masks of objects far from the border need no look: a map may have thousands.
+        if not is_cut and i in ids_at_border:
+            mask = labels == i
+            is_cut = _ends_broadly(mask, 0, CUT_END)
+            # Visible ground outside the mask shows that the object is complete, and so
+            # does a mask that only a narrow tip brings near the border.
+            if not is_cut and is_uncertain and _ends_broadly(mask, margin, BROAD_END):
+                is_cut = not shows_ground_beyond(rgb, mask, margin)
         objects.append(PhotoObject(i, outline, cut=is_cut))
     return objects, count - len(ids)
 
