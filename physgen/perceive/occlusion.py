@@ -203,8 +203,7 @@ def _filled_bay(mask: Mask, other: Mask) -> float:
     Only bays and holes filled by the first object count.
     """
     # The hull lies in the box of the object, so nothing beyond the box counts.
-    column, row, width, height = cv2.boundingRect(mask.view(np.uint8))
-    box = slice(row, row + height), slice(column, column + width)
+    box = _slices_around(mask)
     mask = mask[box]
     other = other[box]
     hull = np.zeros(mask.shape, np.uint8)
@@ -221,6 +220,12 @@ def _filled_bay(mask: Mask, other: Mask) -> float:
     if len(depths):
         return float(depths.max())
     return 0.0
+
+
+def _slices_around(mask: Mask) -> tuple[slice, slice]:
+    """Return the rows and the columns of the box around a mask."""
+    column, row, width, height = cv2.boundingRect(mask.view(np.uint8))
+    return slice(row, row + height), slice(column, column + width)
 
 
 def _row_ends(mask: Mask) -> NDArray[np.int32]:
