@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,8 +22,11 @@ def decode(srgb: NDArray[Any]) -> F32:
     1.0
     """
     if srgb.dtype == np.uint8:
-        # No code is outside the table; without the check, this takes half the time.
-        return np.asarray(_decode_table().take(srgb, mode="clip"))
+        # OpenCV takes a fifth of the time of NumPy's `take`, but refuses empty arrays.
+        if not srgb.size:
+            return np.empty(srgb.shape, np.float32)
+        light = cv2.LUT(srgb.reshape(-1, 1), _decode_table())
+        return np.asarray(light, np.float32).reshape(srgb.shape)
     return _decode(srgb.astype(np.float64)).astype(np.float32)
 
 

@@ -139,7 +139,8 @@ class _Score:
                 part, None, fx=1 / stride, fy=1 / stride, interpolation=cv2.INTER_AREA
             )
             part = np.asarray(reduced, dtype=np.float32)
-        self._mask = part
+        # The type of the circles' coverage: no conversion for each of many circles.
+        self._mask = part.astype(np.float64)
         self._area = float(part.sum())
         # After rounding to whole samples, the spacing differs slightly from the stride.
         row_count, column_count = part.shape

@@ -15,6 +15,7 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.geometry.circles import robust_circle
 from physgen.geometry.fitting import long_border, touching_masks
@@ -201,10 +202,12 @@ def _filled_bay(mask: Mask, other: Mask) -> float:
 
     Only bays and holes filled by the first object count.
     """
+    # The hull lies in the box of the object, so nothing beyond the box counts.
+    box = _slices_around(mask)
+    mask = mask[box]
+    other = other[box]
     hull = np.zeros(mask.shape, np.uint8)
-    cv2.fillConvexPoly(
-        hull, cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32)), 1
-    )
+    cv2.fillConvexPoly(hull, cv2.convexHull(_row_ends(mask)), 1)
     hull_depth = cv2.distanceTransform(np.pad(hull, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
     open_ = ((hull > 0) & ~mask).astype(np.uint8)
     count, bays, stats, _ = cv2.connectedComponentsWithStats(open_, connectivity=4)
@@ -217,6 +220,24 @@ def _filled_bay(mask: Mask, other: Mask) -> float:
     if len(depths):
         return float(depths.max())
     return 0.0
+
+
+def _slices_around(mask: Mask) -> tuple[slice, slice]:
+    """Return the rows and the columns of the box around a mask."""
+    column, row, width, height = cv2.boundingRect(mask.view(np.uint8))
+    return slice(row, row + height), slice(column, column + width)
+
+
+def _row_ends(mask: Mask) -> NDArray[np.int32]:
+    """Return the first and the last pixel (x, y) of each row of a mask, `(N, 2)` px.
+
+    They have the hull of the whole mask, and are far fewer than its pixels.
+    """
+    rows = np.flatnonzero(mask.any(axis=1))
+    first = mask[rows].argmax(axis=1)
+    last = mask.shape[1] - 1 - mask[rows, ::-1].argmax(axis=1)
+    columns = np.concatenate([first, last])
+    return np.column_stack([columns, np.tile(rows, 2)]).astype(np.int32)
 
 
 def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:

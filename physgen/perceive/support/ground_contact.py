@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -263,15 +264,15 @@ def has_carriers(
 
 def _find_ids_below(item: PhotoObject, labels: Labels) -> _Surroundings | None:
     """Return the ids close below an object, or None without pixels of the object."""
-    rows, columns = np.nonzero(labels == item.id)
-    if not len(rows):
+    mask = np.asarray(labels == item.id)
+    # Rows and columns of the box take a fraction of the time of those of all pixels.
+    left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
+    if not width:
         return None
-    left = int(columns.min())
-    right = int(columns.max())
-    bottom = np.full(right - left + 1, -1)
-    np.maximum.at(bottom, columns - left, rows)
-    occupied = np.flatnonzero(bottom >= 0)
-    height = rows.max() - rows.min() + 1
+    right = left + width - 1
+    box = mask[top : top + height, left : left + width]
+    occupied = np.flatnonzero(box.any(axis=0))
+    bottom = top + height - 1 - box[::-1].argmax(axis=0)
     gap = int(max(CARRIER.least_gap, CARRIER.gap * height))
     rows_below = np.minimum(
         bottom[occupied] + np.arange(1, gap + 1)[:, None], labels.shape[0] - 1

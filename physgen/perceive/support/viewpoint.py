@@ -147,8 +147,14 @@ def _is_drawing(rgb: Rgb) -> bool:
 
     The looks are learnt from photos and say nothing about drawings.
     """
+    # A few pixels of a photo have too many colours already; only drawings need all.
+    samples = rgb[::8, ::8]
+    return all(_count_colours(part) <= DRAWING_COLOURS for part in (samples, rgb))
+
+
+def _count_colours(rgb: Rgb) -> int:
     codes = rgb.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
-    return len(np.unique(codes)) <= DRAWING_COLOURS
+    return len(np.unique(codes))
 
 
 def _log_odds(chance: float) -> float:
